@@ -1,0 +1,316 @@
+#include "client_sdk/cpp/transport.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include <zmq.h>
+
+namespace rustle::client {
+
+std::string to_string(const Error& error) {
+  std::string text = error.code_name;
+  if (!error.field.empty()) text += " in " + error.field;
+  text += ": " + error.message;
+  if (!error.remedy.empty()) text += " " + error.remedy;
+  return text;
+}
+
+namespace internal {
+namespace {
+
+constexpr int kLingerMs = 1'000;
+constexpr int kHandshakeMs = 2'000;
+constexpr int kHeartbeatMs = 200;
+constexpr int kHeartbeatTimeoutMs = 600;
+constexpr int kReconnectMs = 50;
+constexpr int kReconnectMaxMs = 500;
+constexpr int kMaxSockets = 256;  ///< of one connection: its sessions and readers
+
+std::string lower_code(int code) {
+  const std::string name = v1::ErrorCode_Name(static_cast<v1::ErrorCode>(code));
+  constexpr std::string_view kPrefix = "ERROR_CODE_";
+  std::string out = name.starts_with(kPrefix) ? name.substr(kPrefix.size()) : "error";
+  for (char& c : out)
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  return out;
+}
+
+int type_of(Socket::Role role) {
+  switch (role) {
+    case Socket::Role::kControl: return ZMQ_DEALER;
+    case Socket::Role::kStream: return ZMQ_XPUB;
+    case Socket::Role::kListener: return ZMQ_SUB;
+  }
+  return ZMQ_DEALER;
+}
+
+bool set(void* socket, int option, int value) { return zmq_setsockopt(socket, option, &value, sizeof(value)) == 0; }
+
+/// Different for every call on this machine.
+std::string nonce() {
+  static std::atomic<std::uint64_t> calls{0};
+  const auto now = std::chrono::steady_clock::now().time_since_epoch().count();
+  const auto place = static_cast<unsigned long long>(reinterpret_cast<std::uintptr_t>(&calls));
+  return std::to_string(now) + "-" + std::to_string(place) + "-" + std::to_string(++calls);
+}
+
+bool send_message(void* socket, const google::protobuf::MessageLite& body, int flags) {
+  zmq_msg_t message;
+  const std::size_t size = body.ByteSizeLong();
+  if (zmq_msg_init_size(&message, size) != 0) return false;
+  body.SerializeWithCachedSizesToArray(static_cast<std::uint8_t*>(zmq_msg_data(&message)));
+  if (zmq_msg_send(&message, socket, flags) >= 0) return true;
+  zmq_msg_close(&message);
+  return false;
+}
+
+int milliseconds_of(std::chrono::milliseconds timeout) {
+  return static_cast<int>(std::clamp<std::int64_t>(timeout.count(), 0, 1'000'000'000));
+}
+
+}  // namespace
+
+Error local_error(std::string code_name, std::string message, std::string remedy, std::string field) {
+  return {.code = 0,
+          .code_name = std::move(code_name),
+          .field = std::move(field),
+          .message = std::move(message),
+          .remedy = std::move(remedy)};
+}
+
+Error from_wire(const v1::Error& error) {
+  return {.code = error.code(),
+          .code_name = lower_code(error.code()),
+          .field = error.field(),
+          .message = error.message(),
+          .remedy = error.remedy()};
+}
+
+ServerInfo from_wire(const v1::Welcome& welcome) {
+  return {.server = welcome.server(),
+          .stream_endpoint = welcome.stream_endpoint(),
+          .out_endpoint = welcome.out_endpoint(),
+          .rate_hz = welcome.rate_hz(),
+          .block_size = welcome.block_size()};
+}
+
+PackInfo from_wire(const v1::PackInfo& pack) {
+  return {.name = pack.name(),
+          .material = pack.material(),
+          .touched_surface = pack.touched_surface(),
+          .version = pack.version(),
+          .licence = pack.licence(),
+          .rate_hz = pack.rate_hz(),
+          .units = pack.units(),
+          .spectra = pack.spectra(),
+          .models = {pack.models().begin(), pack.models().end()}};
+}
+
+Statistics from_wire(const v1::Statistics& sent) {
+  Statistics out;
+  out.session_id = sent.session_id();
+  out.messages_received = sent.messages_received();
+  out.frames_received = sent.frames_received();
+  out.frames_analysed = sent.frames_analysed();
+  for (const auto& [cause, count] : sent.frames_dropped()) out.frames_dropped[cause] = count;
+  out.messages_refused = sent.messages_refused();
+  out.sequence_gaps = sent.sequence_gaps();
+  out.samples_due = sent.samples_due();
+  out.samples_sent = sent.samples_sent();
+  out.samples_in_gaps = sent.samples_in_gaps();
+  out.voices = sent.voices();
+  out.crumpling_events = sent.crumpling_events();
+  out.friction_episodes = sent.friction_episodes();
+  out.tear_events = sent.tear_events();
+  out.newest_time_s = sent.newest_time_s();
+  out.rendered_time_s = sent.rendered_time_s();
+  out.playout_delay_s = sent.playout_delay_s();
+  out.clock_drift_ppm = sent.clock_drift_ppm();
+  out.load_level = sent.load_level();
+  return out;
+}
+
+Gain from_wire(const v1::Gain& sent) {
+  Gain gain{.gain_db = sent.gain_db(), .sheet_id = {}, .kind = {}, .material = sent.material()};
+  if (sent.has_sheet_id()) gain.sheet_id = sent.sheet_id();
+  switch (sent.kind()) {
+    case v1::SOUND_KIND_CRUMPLING: gain.kind = SoundKind::kCrumpling; break;
+    case v1::SOUND_KIND_FRICTION: gain.kind = SoundKind::kFriction; break;
+    case v1::SOUND_KIND_TEARING: gain.kind = SoundKind::kTearing; break;
+    default: break;
+  }
+  return gain;
+}
+
+void to_wire(const Gain& gain, v1::Gain* out) {
+  out->set_gain_db(gain.gain_db);
+  if (gain.sheet_id) out->set_sheet_id(*gain.sheet_id);
+  if (gain.kind) switch (*gain.kind) {
+      case SoundKind::kCrumpling: out->set_kind(v1::SOUND_KIND_CRUMPLING); break;
+      case SoundKind::kFriction: out->set_kind(v1::SOUND_KIND_FRICTION); break;
+      case SoundKind::kTearing: out->set_kind(v1::SOUND_KIND_TEARING); break;
+    }
+  out->set_material(gain.material);
+}
+
+std::string_view kind_name(SoundKind kind) {
+  switch (kind) {
+    case SoundKind::kCrumpling: return "crumpling";
+    case SoundKind::kFriction: return "friction";
+    case SoundKind::kTearing: return "tearing";
+  }
+  return "crumpling";
+}
+
+SoundKind kind_from_name(std::string_view name) {
+  if (name == "friction") return SoundKind::kFriction;
+  if (name == "tearing") return SoundKind::kTearing;
+  return SoundKind::kCrumpling;
+}
+
+Context::Context() : handle_(zmq_ctx_new()) {
+  if (handle_ == nullptr) return;
+  zmq_ctx_set(handle_, ZMQ_MAX_SOCKETS, kMaxSockets);
+  zmq_ctx_set(handle_, ZMQ_BLOCKY, 0);
+}
+
+Context::~Context() {
+  if (handle_ != nullptr) zmq_ctx_term(handle_);
+}
+
+tl::expected<Socket, Error> Socket::connect(std::shared_ptr<Context> context, Role role, const std::string& endpoint,
+                                            const Queues& queues) {
+  void* handle = context->get() == nullptr ? nullptr : zmq_socket(context->get(), type_of(role));
+  if (handle == nullptr)
+    return tl::unexpected(local_error("unreachable", std::string("ZeroMQ cannot make a socket: ") + zmq_strerror(errno) + ".",
+                                      "Raise the limit of open files, or close connections."));
+  Socket socket(std::move(context), handle);
+  set(handle, ZMQ_LINGER, kLingerMs);
+  zmq_setsockopt(handle, ZMQ_MAXMSGSIZE, &kMessageBytes, sizeof(kMessageBytes));
+  set(handle, ZMQ_SNDHWM, queues.send);
+  set(handle, ZMQ_RCVHWM, queues.receive);
+  set(handle, ZMQ_HANDSHAKE_IVL, kHandshakeMs);
+  set(handle, ZMQ_HEARTBEAT_IVL, kHeartbeatMs);
+  set(handle, ZMQ_HEARTBEAT_TIMEOUT, kHeartbeatTimeoutMs);
+  set(handle, ZMQ_HEARTBEAT_TTL, kHeartbeatTimeoutMs);
+  set(handle, ZMQ_RECONNECT_IVL, kReconnectMs);
+  set(handle, ZMQ_RECONNECT_IVL_MAX, kReconnectMaxMs);
+  set(handle, ZMQ_IPV6, endpoint.find('[') != std::string::npos ? 1 : 0);
+  // A request waits for the connection instead of reaching a daemon that starts long after its asker gave up.
+  if (role == Role::kControl) set(handle, ZMQ_IMMEDIATE, 1);
+  // A full queue is reported, so that the session decides between waiting and dropping.
+  if (role == Role::kStream) set(handle, ZMQ_XPUB_NODROP, 1);
+  if (zmq_connect(handle, endpoint.c_str()) != 0)
+    return tl::unexpected(local_error("invalid", endpoint + ": " + zmq_strerror(errno) + ".",
+                                      "Write tcp://HOST:PORT or ipc://PATH."));
+  return socket;
+}
+
+Socket::Socket(Socket&& other) noexcept
+    : context_(std::move(other.context_)), handle_(std::exchange(other.handle_, nullptr)) {}
+
+Socket& Socket::operator=(Socket&& other) noexcept {
+  std::swap(context_, other.context_);
+  std::swap(handle_, other.handle_);
+  return *this;
+}
+
+Socket::~Socket() {
+  if (handle_ != nullptr) zmq_close(handle_);
+}
+
+bool Socket::wait(std::chrono::milliseconds timeout) const {
+  zmq_pollitem_t item{handle_, 0, ZMQ_POLLIN, 0};
+  return zmq_poll(&item, 1, milliseconds_of(timeout)) > 0;
+}
+
+std::vector<std::string> Socket::receive() const {
+  std::vector<std::string> parts;
+  while (true) {
+    zmq_msg_t part;
+    zmq_msg_init(&part);
+    if (zmq_msg_recv(&part, handle_, ZMQ_DONTWAIT) < 0) {
+      zmq_msg_close(&part);
+      return {};
+    }
+    parts.emplace_back(static_cast<const char*>(zmq_msg_data(&part)), zmq_msg_size(&part));
+    const bool more = zmq_msg_more(&part) != 0;
+    zmq_msg_close(&part);
+    if (!more) return parts;
+  }
+}
+
+bool Socket::send(std::string_view first, const google::protobuf::MessageLite& second,
+                  std::chrono::milliseconds timeout) const {
+  const int flags = timeout.count() == 0 ? ZMQ_DONTWAIT : 0;
+  set(handle_, ZMQ_SNDTIMEO, milliseconds_of(timeout));
+  if (zmq_send(handle_, first.data(), first.size(), flags | ZMQ_SNDMORE) < 0) return false;
+  return send_message(handle_, second, flags);
+}
+
+bool Socket::send(const google::protobuf::MessageLite& only, std::chrono::milliseconds timeout) const {
+  set(handle_, ZMQ_SNDTIMEO, milliseconds_of(timeout));
+  return send_message(handle_, only, timeout.count() == 0 ? ZMQ_DONTWAIT : 0);
+}
+
+void Socket::subscribe(std::string_view topic) const { zmq_setsockopt(handle_, ZMQ_SUBSCRIBE, topic.data(), topic.size()); }
+void Socket::unsubscribe(std::string_view topic) const {
+  zmq_setsockopt(handle_, ZMQ_UNSUBSCRIBE, topic.data(), topic.size());
+}
+
+bool Socket::wait_subscribed(std::chrono::milliseconds timeout, std::vector<std::vector<std::string>>& early) const {
+  const std::string topic = "subscribed/" + nonce();
+  subscribe(topic);
+  const auto deadline = internal::Clock::now() + timeout;
+  bool seen = false;
+  while (!seen) {
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now());
+    if (left.count() <= 0 || !wait(left)) break;
+    auto parts = receive();
+    if (parts.empty()) continue;
+    if (parts.front() == topic) {
+      seen = true;
+    } else {
+      early.push_back(std::move(parts));
+    }
+  }
+  unsubscribe(topic);
+  return seen;
+}
+
+Link::Link(std::shared_ptr<Context> context, Socket control, Endpoints endpoints, std::chrono::milliseconds timeout)
+    : context_(std::move(context)), control_(std::move(control)), endpoints_(std::move(endpoints)), timeout_(timeout) {}
+
+tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
+  const std::lock_guard lock(mutex_);
+  request.set_request_id(next_request_++);
+  const auto deadline = internal::Clock::now() + timeout_;
+  const auto no_answer = [this] {
+    return tl::unexpected(
+        local_error("unreachable",
+                    "No answer from " + endpoints_.control + " within " + std::to_string(timeout_.count()) + " ms.",
+                    "Start rustled, or give the control endpoint it prints when it starts."));
+  };
+  if (!control_.send(request, timeout_)) return no_answer();
+  while (true) {
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now());
+    if (left.count() <= 0 || !control_.wait(left)) return no_answer();
+    const auto parts = control_.receive();
+    v1::ControlReply reply;
+    if (parts.size() != 1 || !reply.ParseFromString(parts.front()) || reply.request_id() != request.request_id()) continue;
+    if (reply.has_error()) return tl::unexpected(from_wire(reply.error()));
+    return reply;
+  }
+}
+
+void Link::tell(v1::ControlRequest& request) {
+  const std::lock_guard lock(mutex_);
+  request.set_request_id(next_request_++);
+  control_.send(request, std::chrono::milliseconds(0));
+}
+
+}  // namespace internal
+}  // namespace rustle::client

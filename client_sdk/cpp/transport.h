@@ -1,0 +1,110 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "client_sdk/cpp/types.h"
+#include "rustle/v1/session.pb.h"
+
+/// ZeroMQ under the SDK. Not for applications.
+namespace rustle::client::internal {
+
+inline constexpr std::uint32_t kProtocolVersion = 1;
+inline constexpr std::int64_t kMessageBytes = std::int64_t{64} << 20;  ///< what a daemon takes, and what is taken from it
+
+using Clock = std::chrono::steady_clock;
+
+Error local_error(std::string code_name, std::string message, std::string remedy, std::string field = {});
+Error from_wire(const v1::Error& error);
+ServerInfo from_wire(const v1::Welcome& welcome);
+PackInfo from_wire(const v1::PackInfo& pack);
+Statistics from_wire(const v1::Statistics& statistics);
+Gain from_wire(const v1::Gain& gain);
+void to_wire(const Gain& gain, v1::Gain* out);
+std::string_view kind_name(SoundKind kind);
+SoundKind kind_from_name(std::string_view name);
+
+/// A ZeroMQ context, shared by everything that came of one connection.
+class Context {
+ public:
+  Context();
+  ~Context();
+  Context(const Context&) = delete;
+  Context& operator=(const Context&) = delete;
+  void* get() const { return handle_; }
+
+ private:
+  void* handle_;
+};
+
+/// A socket with every option set on purpose (transport.cpp). One thread at a time.
+class Socket {
+ public:
+  enum class Role { kControl, kStream, kListener };
+  struct Queues {
+    int send = 1024;
+    int receive = 1024;  ///< 0: no limit
+  };
+
+  [[nodiscard]] static tl::expected<Socket, Error> connect(std::shared_ptr<Context> context, Role role,
+                                                           const std::string& endpoint, const Queues& queues);
+  Socket(Socket&& other) noexcept;
+  Socket& operator=(Socket&& other) noexcept;
+  ~Socket();
+
+  /// Waits until a message can be received.
+  bool wait(std::chrono::milliseconds timeout) const;
+  /// One message's parts; empty when none waits.
+  std::vector<std::string> receive() const;
+  /// Milliseconds 0: at once or not at all. False when there was no room in time.
+  bool send(std::string_view first, const google::protobuf::MessageLite& second, std::chrono::milliseconds timeout) const;
+  bool send(const google::protobuf::MessageLite& only, std::chrono::milliseconds timeout) const;
+  void subscribe(std::string_view topic) const;
+  void unsubscribe(std::string_view topic) const;
+
+  /// Listener: waits until the daemon has all subscriptions made so far; what else arrives meanwhile is appended to `early`.
+  [[nodiscard]] bool wait_subscribed(std::chrono::milliseconds timeout, std::vector<std::vector<std::string>>& early) const;
+
+ private:
+  Socket(std::shared_ptr<Context> context, void* handle) : context_(std::move(context)), handle_(handle) {}
+
+  std::shared_ptr<Context> context_;
+  void* handle_ = nullptr;
+};
+
+/// A control connection.
+class Link {
+ public:
+  Link(std::shared_ptr<Context> context, Socket control, Endpoints endpoints, std::chrono::milliseconds timeout);
+
+  /// Asks and waits for the answer with the same id. An answer that is an error comes back as one. Any thread.
+  tl::expected<v1::ControlReply, Error> ask(v1::ControlRequest& request);
+  /// Asks without waiting. Any thread.
+  void tell(v1::ControlRequest& request);
+
+  const std::shared_ptr<Context>& context() const { return context_; }
+  std::chrono::milliseconds timeout() const { return timeout_; }
+  /// The caller's choice, or the daemon's.
+  std::string stream_endpoint() const { return endpoints_.stream.empty() ? server.stream_endpoint : endpoints_.stream; }
+  std::string out_endpoint() const { return endpoints_.out.empty() ? server.out_endpoint : endpoints_.out; }
+
+  ServerInfo server;  ///< set once, by Connection::connect
+
+ private:
+  std::shared_ptr<Context> context_;
+  std::mutex mutex_;
+  Socket control_;
+  const Endpoints endpoints_;
+  const std::chrono::milliseconds timeout_;
+  std::uint64_t next_request_ = 1;
+};
+
+}  // namespace rustle::client::internal

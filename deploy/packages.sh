@@ -1,0 +1,31 @@
+# The Debian 12 packages Rustle needs; sourced by quickstart.sh and tests/run.sh.
+# rustle_install_packages build|test: installs what is missing, with sudo where the caller is not root.
+
+rustle_build_packages=(
+  g++ cmake ninja-build ccache pkg-config git ca-certificates
+  libzmq3-dev cppzmq-dev libprotobuf-dev protobuf-compiler libeigen3-dev libfftw3-dev libsamplerate0-dev libsndfile1-dev
+  librtaudio-dev libspdlog-dev libfmt-dev libcli11-dev libtomlplusplus-dev libexpected-dev nlohmann-json3-dev
+  libcairo2-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
+)
+rustle_test_packages=(catch2 nodejs npm python3 python3-numpy python3-zmq python3-protobuf)
+
+rustle_install_packages() {
+  local wanted=("${rustle_build_packages[@]}") missing=() name as_root=()
+  [ "$1" = test ] && wanted+=("${rustle_test_packages[@]}")
+  for name in "${wanted[@]}"; do
+    # A newer Node.js from elsewhere serves as well as Debian's.
+    case $name in nodejs) command -v node >/dev/null && continue ;; npm) command -v npm >/dev/null && continue ;; esac
+    dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$name")
+  done
+  [ ${#missing[@]} -eq 0 ] && return 0
+  echo "installing ${#missing[@]} Debian packages: ${missing[*]}"
+  if [ "$(id -u)" -ne 0 ]; then
+    command -v sudo >/dev/null || {
+      echo "these packages are missing and sudo is not there to install them; as root: apt-get install ${missing[*]}" >&2
+      return 1
+    }
+    as_root=(sudo)
+  fi
+  "${as_root[@]}" apt-get update -qq &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+}

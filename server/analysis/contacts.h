@@ -1,0 +1,86 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/analysis/contact_patch.h"
+#include "server/analysis/surroundings.h"
+#include "server/observation/observation.h"
+#include "server/scene/proximity.h"
+#include "server/sheet/mesh_frame.h"
+
+namespace rustle::analysis {
+
+struct ContactParameters {
+  ContactWeight weight;
+  double self_exclusion_radii = 3.0;          ///< parts nearer along the surface than this many contact radii,
+  double self_exclusion_edges = 2.5;          ///< or this many local edge lengths, do not touch each other
+  double least_single_area_m2 = 0.2e-4;       ///< a lone vertex with a smaller dual area must touch in two frames running
+  double least_area_m2 = 0.02e-4;             ///< no episode begins with a smaller contact area
+  double longest_extrapolation_s = 0.05;      ///< a neighbour sheet's newest frame is moved on by its velocity no longer
+};
+
+/// Friction events of one sheet (P1): vertices within the contact radius of an obstacle, of another sheet or of another part
+/// of the sheet itself, grouped into components connected along mesh edges, one partner each. Resting ones too, at speed 0.
+///
+/// Where only part of a triangle is within reach it is sampled, so that area and speed do not depend on the resolution:
+///   A_i = Σ_samples a w(d) φ_i,   speed = Σ A_i |v_i| / Σ A_i
+/// with a the sample's area, d its distance, w the weight (ContactWeight), φ its share of the touching vertices of its triangle, and
+/// v_i the tangential velocity relative to the partner: mean direction and mean speed over the samples of i.
+/// Velocities are those sent, else positions differenced in double against the previous frame; after a change of topology
+/// against the place of the same material point in the previous mesh, or without material coordinates taken as that of the
+/// partner for one frame (speed 0). An obstacle's velocity is meant over the same interval, so one that carries the sheet is
+/// silent.
+/// Contacts that are sent replace proximity, an empty list too; they keep their slip velocity and normal force.
+/// Two sheets in contact sound once: the one with the lower id reports the pair, unless only the other sends its contacts.
+/// Of two parts of a sheet in contact the one with the lowest vertex is reported.
+/// An id stays while a component shares vertices with the same partner's component of the frame before or, on another
+/// topology, lies within reach of it; where components merge or split the largest overlap keeps it.
+///
+/// One tracker per sheet; analysis worker. Cost: linear in vertices.
+class ContactTracker {
+ public:
+  explicit ContactTracker(ContactParameters parameters = {}) : parameters_(parameters) {}
+
+  /// `previous_same_topology` may be null (first frame, changed topology, history reset). Frames come in time order. Ids
+  /// are taken from `next_event_id`, which is counted on. \pre contact_radius_m > 0; surroundings.scene applies at the
+  /// frame's time
+  std::vector<observation::FrictionContact> update(const sheet::MeshFrame& frame,
+                                                   const sheet::MeshFrame* previous_same_topology,
+                                                   const SheetSurroundings& surroundings, double contact_radius_m,
+                                                   std::uint64_t& next_event_id);
+
+  void reset();
+
+ private:
+  /// A component as it was in the frame before.
+  struct Episode {
+    std::uint64_t id;  ///< 0: seen once, not reported yet
+    sheet::ContactPartner partner;
+    std::vector<std::uint32_t> vertices;
+    std::vector<sheet::Vec3d> positions_m;
+    sheet::Vec3d slip_m_per_s;  ///< mean, relative to the partner
+    double dual_area_m2;
+  };
+
+  struct State {
+    std::vector<Episode> episodes;
+    std::shared_ptr<const sheet::Topology> topology;  ///< of the frame before
+    std::vector<sheet::Vec3f> positions_m;            ///< of the frame before
+    double time_s = 0;
+    std::map<sheet::ObstacleId, scene::ObstacleSurface> surfaces;
+    std::optional<SurfaceDistance> along_surface;
+  };
+
+  void keep_identities(std::vector<observation::FrictionContact>& contacts, const sheet::MeshFrame& frame, double reach_m,
+                       std::uint64_t& next_event_id);
+
+  ContactParameters parameters_;
+  State state_;
+};
+
+}  // namespace rustle::analysis

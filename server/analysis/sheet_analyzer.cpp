@@ -1,0 +1,241 @@
+#include "server/analysis/sheet_analyzer.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
+
+#include "server/analysis/resonators.h"
+#include "server/sheet/transfer.h"
+
+namespace rustle::analysis {
+namespace {
+
+using observation::Observation;
+using observation::Resonator;
+using sheet::Vec3d;
+using sheet::Vec3f;
+
+/// What sounds where there is no triangle to vibrate.
+Resonator constrained_at(const Vec3d& position_m, double area_m2) {
+  Resonator out;
+  out.coarse = true;
+  out.position_m = position_m;
+  out.area_m2 = area_m2;
+  out.disc_radius_m = std::sqrt(area_m2 / std::numbers::pi);
+  return out;
+}
+
+std::vector<bool> anchored_vertices(const sheet::MeshFrame& frame) {
+  return frame.anchored.empty() ? std::vector<bool>(frame.positions_m.size(), false) : frame.anchored;
+}
+
+bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology) {
+  return partition.triangle_regions.size() == topology.triangle_count() && topology.triangle_count() > 0;
+}
+
+std::uint32_t nearest_triangle(const RegionStencils& stencils, const std::vector<Vec3f>& positions_m, const Vec3f& point_m) {
+  std::uint32_t best = sheet::kNone;
+  float best_distance = std::numeric_limits<float>::infinity();
+  const auto triangles = stencils.topology->triangles();
+  for (std::uint32_t f = 0; f < triangles.size(); ++f) {
+    const sheet::Triangle& v = triangles[f];
+    const float distance = ((positions_m[v[0]] + positions_m[v[1]] + positions_m[v[2]]) / 3.0f - point_m).squaredNorm();
+    if (distance < best_distance) best = f, best_distance = distance;
+  }
+  return best;
+}
+
+std::vector<Vec3f> carried(const sheet::Transfer& transfer, const std::vector<Vec3f>& values) {
+  std::vector<Vec3f> out(transfer.origins.size());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const auto& o = transfer.origins[i];
+    out[i] = o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
+  }
+  return out;
+}
+
+}  // namespace
+
+SheetAnalyzer::SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters) : sheet_(sheet), parameters_(parameters) {}
+
+Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings, std::uint64_t& next_event_id) {
+  assert(frame.topology != nullptr && frame.positions_m.size() == frame.topology->vertex_count());
+  if (frame.reset_history || (state_.last && frame.time_s < state_.last->time_s)) forget();
+  Observation out;
+  out.sheet = sheet_;
+  out.time_s = frame.time_s;
+  out.previous_time_s = state_.last ? state_.last->time_s : frame.time_s;
+
+  const std::optional<Arrival> arrival = follow_topology(frame);
+  const CurvatureStencils& curvature = *state_.curvature;
+  const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
+  sheet::relative_positions_m(frame.positions_m, origin_m, state_.relative_m);
+  state_.angles_rad.resize(curvature.hinges.size());
+  sheet::dihedral_angles_rad(curvature.hinges, state_.relative_m, state_.angles_rad);
+  const CrumplingInputs inputs{curvature,
+                               state_.angles_rad,
+                               frame.positions_m,
+                               frame.velocities_m_per_s,
+                               state_.last_positions_m,
+                               frame.time_s,
+                               arrival ? &arrival->remade : nullptr,
+                               arrival && arrival->silent};
+  out.crumpling = find_crumpling(inputs, parameters_, state_.crumpling, next_event_id);
+
+  const bool comparable = state_.last && !arrival && state_.last->positions_m.size() == frame.positions_m.size();
+  if (comparable) state_.last->topology = frame.topology;
+  out.friction = contacts_.update(frame, comparable ? &*state_.last : nullptr, surroundings, parameters_.contact_radius_m, next_event_id);
+  out.tears = sent_tears(frame, next_event_id);
+
+  const bool sounds = !out.crumpling.empty() || !out.tears.empty() ||
+                      std::any_of(out.friction.begin(), out.friction.end(),
+                                  [&](const auto& contact) { return contact.speed_m_per_s > parameters_.sliding_m_per_s; });
+  if (sounds) find_resonators(frame, origin_m, out);
+  remember(frame);
+  return out;
+}
+
+void SheetAnalyzer::forget() {
+  state_.crumpling.primed = false;
+  state_.region_history = {};
+  state_.last.reset();
+  state_.last_positions_m.clear();
+  state_.earlier_positions_m.clear();
+  state_.tips.clear();
+  contacts_.reset();
+}
+
+std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet::MeshFrame& frame) {
+  if (state_.curvature && sheet::same_structure(*state_.curvature->topology, *frame.topology)) return std::nullopt;
+  std::optional<sheet::Transfer> transfer;
+  Arrival arrival;
+  const bool has_history = state_.curvature && state_.crumpling.primed && state_.last && !state_.last->positions_m.empty();
+  if (has_history) {
+    const sheet::Topology& from = *state_.curvature->topology;
+    const sheet::Topology& to = *frame.topology;
+    if (!from.material_coordinates_m().empty() && !to.material_coordinates_m().empty()) {
+      transfer = sheet::transfer_by_material(from, to);
+      ++changes_.by_material;
+    } else {
+      arrival.silent = true;
+      if (!from.rest_positions_m().empty() && !to.rest_positions_m().empty()) {
+        transfer = sheet::transfer_by_position(from, from.rest_positions_m(), to, to.rest_positions_m());
+      }
+      if (!transfer) {
+        std::vector<Vec3f> expected = state_.last_positions_m;
+        const double step = state_.last->time_s - state_.earlier_s;
+        if (!state_.earlier_positions_m.empty() && step > 0) {
+          const auto share = static_cast<float>((frame.time_s - state_.last->time_s) / step);
+          for (std::size_t i = 0; i < expected.size(); ++i) expected[i] += share * (expected[i] - state_.earlier_positions_m[i]);
+        }
+        transfer = sheet::transfer_by_position(from, expected, to, frame.positions_m);
+      }
+      ++(transfer ? changes_.by_position : changes_.history_lost);
+    }
+  }
+  const bool own_shape = frame.topology->material_coordinates_m().empty() && frame.topology->rest_positions_m().empty();
+  const bool whole = transfer && std::find(transfer->remade.begin(), transfer->remade.end(), true) == transfer->remade.end();
+  sheet::RestPlane plane = own_shape && whole ? sheet::renumbered(state_.curvature->plane, *transfer, *frame.topology)
+                                              : sheet::rest_plane(*frame.topology, frame.positions_m);
+  state_.curvature = curvature_stencils(frame.topology, std::move(plane), parameters_);
+  state_.regions.reset();
+  state_.sent_regions.reset();
+  state_.region_history = {};
+  state_.earlier_positions_m.clear();
+  if (!transfer) {
+    state_.crumpling.primed = false;
+    state_.last_positions_m.clear();
+    return has_history ? std::optional<Arrival>(std::move(arrival)) : std::nullopt;
+  }
+  carry(*transfer, state_.crumpling);
+  state_.last_positions_m = carried(*transfer, state_.last_positions_m);
+  arrival.remade = std::move(transfer->remade);
+  return arrival;
+}
+
+void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& origin_m, Observation& observation) {
+  const sheet::SentPartition* sent = frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
+  std::optional<RegionMesh>& mesh = sent != nullptr ? state_.sent_regions : state_.regions;
+  if (!mesh) mesh = region_mesh(state_.curvature->topology, state_.curvature->plane, parameters_, sent == nullptr);
+  const std::vector<Vec3f> positions_m = mesh->positions_m(state_.relative_m);
+  const RegionMap map = sent != nullptr ? adopt_partition(*sent, mesh->stencils, positions_m, parameters_)
+                                        : segment(mesh->stencils, positions_m, frame.time_s, parameters_, &state_.region_history);
+  std::vector<bool> touching(frame.positions_m.size(), false);
+  for (const auto& contact : observation.friction) {
+    for (const auto& vertex : contact.vertices) touching[vertex.vertex] = true;
+  }
+  const Holds holds{mesh->gathered(anchored_vertices(frame)), mesh->sampled(touching)};
+  ResonatorFinder finder(mesh->stencils, map, positions_m, origin_m, holds, parameters_, sent);
+
+  for (auto& event : observation.crumpling) {
+    event.resonators = finder.reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
+    if (event.resonators.empty()) event.resonators.push_back(constrained_at(event.position_m, event.area_m2));
+  }
+  std::vector<std::uint32_t> vertices;
+  for (auto& contact : observation.friction) {
+    if (contact.speed_m_per_s <= parameters_.sliding_m_per_s) continue;
+    vertices.clear();
+    for (const auto& vertex : contact.vertices) vertices.push_back(vertex.vertex);
+    contact.resonators = finder.reached_from(mesh->triangles_of(vertices), ResonatorFinder::StopAt::kRidgesAndAnchors);
+    if (contact.resonators.empty()) contact.resonators.push_back(constrained_at(contact.position_m, contact.area_m2));
+  }
+  for (auto& tear : observation.tears) {
+    const std::uint32_t triangle = nearest_triangle(mesh->stencils, positions_m, (tear.position_m - origin_m).cast<float>());
+    if (triangle != sheet::kNone) {
+      tear.resonators = finder.reached_from(std::span(&triangle, 1), ResonatorFinder::StopAt::kRidgesAndHolds);
+    }
+    if (tear.resonators.empty()) tear.resonators.push_back(constrained_at(tear.position_m, 0));
+  }
+}
+
+std::vector<observation::TearEvent> SheetAnalyzer::sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id) {
+  std::vector<observation::TearEvent> out;
+  for (const sheet::SentTearTip& tip : frame.tear_tips) {
+    auto [known, is_new] = state_.tips.try_emplace(tip.tip_id, TearTip{0, frame.time_s});
+    if (is_new) known->second.id = next_event_id++;
+    known->second.seen_s = frame.time_s;
+    observation::TearEvent event;
+    event.id = known->second.id;
+    event.speed_m_per_s = static_cast<double>(tip.speed_m_per_s);
+    event.position_m = tip.position_m.cast<double>();
+    if (tip.direction) event.direction = tip.direction->cast<double>();
+    event.source = observation::Source::kSent;
+    out.push_back(std::move(event));
+  }
+  std::erase_if(state_.tips, [&](const auto& tip) { return tip.second.seen_s < frame.time_s - parameters_.tear_memory_s; });
+  return out;
+}
+
+void SheetAnalyzer::remember(const sheet::MeshFrame& frame) {
+  if (state_.last_positions_m.size() == frame.positions_m.size() && state_.last) {
+    state_.earlier_positions_m.swap(state_.last_positions_m);
+    state_.earlier_s = state_.last->time_s;
+  } else {
+    state_.earlier_positions_m.clear();
+  }
+  state_.last_positions_m = frame.positions_m;
+  state_.last = frame;
+}
+
+RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters) {
+  RegionPicture out;
+  const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
+  std::vector<Vec3f> relative_m;
+  sheet::relative_positions_m(frame.positions_m, origin_m, relative_m);
+  const sheet::SentPartition* sent = frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
+  const RegionMesh mesh = region_mesh(frame.topology, sheet::rest_plane(*frame.topology, relative_m), parameters, sent == nullptr);
+  const std::vector<Vec3f> positions_m = mesh.positions_m(relative_m);
+  out.map = sent != nullptr ? adopt_partition(*sent, mesh.stencils, positions_m, parameters)
+                            : segment(mesh.stencils, positions_m, frame.time_s, parameters, nullptr);
+  out.topology = mesh.stencils.topology;
+  out.positions_m = mesh.positions_m(frame.positions_m);
+  const Holds holds{mesh.gathered(anchored_vertices(frame)), std::vector<bool>(positions_m.size(), false)};
+  ResonatorFinder finder(mesh.stencils, out.map, positions_m, origin_m, holds, parameters, sent);
+  for (std::uint32_t r = 0; r < out.map.region_count; ++r) out.regions.push_back(finder.region(r));
+  return out;
+}
+
+}  // namespace rustle::analysis

@@ -1,0 +1,90 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "server/analysis/contacts.h"
+#include "server/analysis/crumpling.h"
+#include "server/analysis/curvature.h"
+#include "server/analysis/parameters.h"
+#include "server/analysis/region_mesh.h"
+#include "server/analysis/regions.h"
+#include "server/analysis/surroundings.h"
+#include "server/observation/observation.h"
+#include "server/sheet/mesh_frame.h"
+
+namespace rustle::analysis {
+
+/// How a sheet's topology changes were met (P14), for notices and statistics.
+struct TopologyChanges {
+  std::uint64_t by_material = 0;    ///< history carried by material coordinates
+  std::uint64_t by_position = 0;    ///< recognised as renumbered, welded or remeshed in part
+  std::uint64_t history_lost = 0;   ///< not recognised: signs adopted silently, no crumpling can be heard across it
+};
+
+/// From mesh frames to observations, one sheet, frames in the order of their times. Holds all that must be remembered.
+/// The same frames give the same bits. Meshes may be degenerate, non-manifold, in pieces, or change at every frame.
+class SheetAnalyzer {
+ public:
+  SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters);
+
+  /// Crumpling, friction (every contact; resonators for those that slide) and the tear tips sent with the frame.
+  /// Event ids are drawn from `next_event_id`. A frame that goes back in time resets the history, as `reset_history` does.
+  /// \pre the frame has the sizes its topology says, all finite  [analysis worker]
+  [[nodiscard]] observation::Observation analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings,
+                                                 std::uint64_t& next_event_id);
+
+  [[nodiscard]] const TopologyChanges& topology_changes() const { return changes_; }  // [analysis worker]
+
+ private:
+  struct TearTip {
+    std::uint64_t id;
+    double seen_s;
+  };
+  struct State {
+    std::optional<CurvatureStencils> curvature;
+    CrumplingState crumpling;
+    std::optional<RegionMesh> regions;          ///< made when first needed
+    std::optional<RegionMesh> sent_regions;     ///< of the sheet's own triangles, for a sent partition
+    RegionState region_history;
+    std::optional<sheet::MeshFrame> last;
+    std::vector<sheet::Vec3f> last_positions_m;   ///< of `last`, at the vertices of the present topology
+    std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
+    double earlier_s = 0;
+    std::map<std::uint32_t, TearTip> tips;
+    std::vector<sheet::Vec3f> relative_m;       ///< scratch
+    std::vector<float> angles_rad;              ///< scratch
+  };
+
+  void forget();
+  /// Brings the state to the frame's topology. Returns the vertices that are new to the history.
+  struct Arrival {
+    std::vector<bool> remade;
+    bool silent = false;
+  };
+  std::optional<Arrival> follow_topology(const sheet::MeshFrame& frame);
+  void find_resonators(const sheet::MeshFrame& frame, const sheet::Vec3d& origin_m, observation::Observation& observation);
+  std::vector<observation::TearEvent> sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id);
+  void remember(const sheet::MeshFrame& frame);
+
+  sheet::SheetId sheet_;
+  Parameters parameters_;
+  ContactTracker contacts_;
+  State state_;
+  TopologyChanges changes_;
+};
+
+/// One frame's partition on its own, for pictures: what analyze() would use if it needed regions in this frame.
+struct RegionPicture {
+  std::shared_ptr<const sheet::Topology> topology;   ///< of the partition: the frame's, or a coarse proxy's
+  std::vector<sheet::Vec3f> positions_m;             ///< of its vertices, in space
+  RegionMap map;
+  std::vector<observation::Resonator> regions;       ///< [R] measured; anchors hold, contacts are not known
+};
+/// \pre as for analyze()
+[[nodiscard]] RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters);
+
+}  // namespace rustle::analysis

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <string_view>
+
+namespace CLI {
+class App;
+}
+
+/// The commands of `rustle`. Each adds its subcommand and, when that is chosen, sets the action that runs it.
+namespace rustle::apps {
+
+enum ExitStatus : int { kDone = 0, kFailed = 1, kWrongUsage = 2 };
+
+using Action = std::function<int()>;
+
+void add_demo(CLI::App& app, Action& action);
+void add_import(CLI::App& app, Action& action);
+void add_inspect(CLI::App& app, Action& action);
+void add_listen(CLI::App& app, Action& action);
+void add_pack(CLI::App& app, Action& action);
+void add_render(CLI::App& app, Action& action);
+void add_replay(CLI::App& app, Action& action);
+
+/// Prints "rustle: MESSAGE" on standard error and returns `status`.
+int complain(std::string_view message, ExitStatus status);
+void warn(std::string_view message);
+
+/// A line that overwrites itself on a terminal; nothing when standard error is none.
+class Progress {
+ public:
+  explicit Progress(std::string what);
+  ~Progress();
+  /// Shows a share from 0 to 1, at most ten times a second.
+  void show(double share);
+
+ private:
+  std::string what_;
+  bool on_terminal_;
+  bool shown_ = false;
+  double last_shown_s_ = -1;
+};
+
+}  // namespace rustle::apps

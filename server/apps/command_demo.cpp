@@ -1,0 +1,266 @@
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <thread>
+
+#include "client_sdk/cpp/observation_reader.h"
+#include "client_sdk/cpp/session.h"
+#include "client_sdk/sheets/demos.h"
+#include "server/apps/command.h"
+#include "server/apps/daemon.h"
+#include "server/report/spectrogram_picture.h"
+#include "server/sinks/wav.h"
+
+namespace rustle::apps {
+namespace {
+
+constexpr double kFramesPerSecond = 60;
+constexpr double kSlidingHeard_m_per_s = 0.02;
+constexpr double kFlapTold_m = 0.002;
+constexpr std::uint32_t kSheet = 1;
+
+struct DemoArguments {
+  std::string what = "bend_slide_snap_shake", output = "demo", material = "printer-paper";
+  std::uint64_t seed = 1;
+  std::size_t triangles = 1333;
+};
+
+/// A folder for the demo's own sockets, gone when it is.
+class SocketFolder {
+ public:
+  SocketFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "rustle-demo-XXXXXX").string();
+    if (mkdtemp(name.data()) != nullptr) path_ = name;
+  }
+  ~SocketFolder() {
+    std::error_code ignored;
+    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
+  }
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+/// Tells what is heard as it comes, and keeps it for the picture.
+class Teller {
+ public:
+  void tell(const client::Observation& seen) {
+    for (const auto& event : seen.crumpling) {
+      report::EventMark mark;
+      mark.id = event.event_id;
+      mark.kind = report::EventKind::kCrumpling;
+      mark.time_s = mark.end_s = event.time_s;
+      mark.amplitude = event.amplitude_m;
+      mark.area_m2 = event.area_m2;
+      marks_.push_back(mark);
+      if (event.continues_event_id != 0 || event.amplitude_m < kFlapTold_m) continue;
+      const bool flap = std::any_of(event.resonators.begin(), event.resonators.end(), [](const auto& r) { return !r.constrained; });
+      fmt::print("{:6.2f} s  {}  {:.3f} m over {:.0f} cm2{}\n", event.time_s, flap ? "flap" : "clac", event.amplitude_m,
+                 1e4 * event.area_m2, resonator_text(event.resonators));
+    }
+    double speed = 0;
+    std::string surface;
+    for (const auto& contact : seen.friction) {
+      auto& mark = episodes_[contact.event_id];
+      if (mark.speeds.empty()) {
+        mark.id = contact.event_id;
+        mark.kind = report::EventKind::kFriction;
+        mark.time_s = seen.time_s;
+      }
+      mark.end_s = seen.time_s;
+      mark.speeds.push_back({seen.time_s, contact.speed_m_per_s});
+      mark.amplitude = std::max(mark.amplitude, contact.speed_m_per_s);
+      if (contact.speed_m_per_s > speed) {
+        speed = contact.speed_m_per_s;
+        surface = contact.touched_surface;
+      }
+    }
+    if (speed > kSlidingHeard_m_per_s && !sliding_) {
+      fmt::print("{:6.2f} s  slides over {}\n", seen.time_s, surface.empty() ? "what it touches" : surface);
+      sliding_ = true;
+    } else if (speed < kSlidingHeard_m_per_s / 2 && sliding_) {
+      sliding_ = false;
+    }
+  }
+
+  std::vector<report::EventMark> marks() const {
+    std::vector<report::EventMark> all = marks_;
+    for (const auto& [id, mark] : episodes_) {
+      if (mark.amplitude > kSlidingHeard_m_per_s / 2) all.push_back(mark);
+    }
+    return all;
+  }
+
+ private:
+  static std::string resonator_text(const std::vector<client::ObservedResonator>& resonators) {
+    const auto largest = std::max_element(resonators.begin(), resonators.end(), [](const auto& a, const auto& b) { return a.area_m2 < b.area_m2; });
+    if (largest == resonators.end() || largest->constrained) return {};
+    return fmt::format(", resonator l_r {:.0f} cm, l_c {:.0f} cm", 100 * largest->ruling_length_m, 100 * largest->free_border_length_m);
+  }
+
+  std::vector<report::EventMark> marks_;
+  std::map<std::uint64_t, report::EventMark> episodes_;
+  bool sliding_ = false;
+};
+
+using Failure = std::optional<std::string>;
+
+template <typename T>
+Failure failure_of(const tl::expected<T, client::Error>& result) {
+  return result ? Failure{} : Failure{client::to_string(result.error())};
+}
+
+/// Sends the sheet as a simulator would.
+Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet) {
+  const auto& mesh = sheet.mesh();
+  const std::size_t vertices = mesh.material_coordinates.size();
+  std::vector<float> positions(3 * vertices);
+  std::vector<std::uint8_t> held(vertices);
+  client::Topology topology;
+  topology.vertex_count = static_cast<std::uint32_t>(vertices);
+  topology.triangles = {mesh.triangles.front().data(), 3 * mesh.triangles.size()};
+  topology.material_coordinates = {mesh.material_coordinates.front().data(), 2 * vertices};
+  if (auto failed = failure_of(session.add_topology(topology))) return failed;
+  if (sheet.on_table()) {
+    client::SceneUpdate scene;
+    scene.obstacles.push_back({.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
+    if (auto failed = failure_of(session.scene(scene))) return failed;
+  }
+  Progress progress("simulating");
+  const auto frames = static_cast<int>(std::ceil(sheet.duration_s() * kFramesPerSecond));
+  for (int k = 0; k <= frames; ++k) {
+    const double time_s = k / kFramesPerSecond;
+    sheet.positions(time_s, positions);
+    sheet.anchored(time_s, held);
+    client::FrameExtras extras;
+    extras.anchored = held;
+    if (auto failed = failure_of(session.frame(kSheet, 1, time_s, positions, extras))) return failed;
+    progress.show(static_cast<double>(k) / frames);
+  }
+  return failure_of(session.end());
+}
+
+struct Heard {
+  std::vector<float> interleaved;
+  std::uint32_t rate_hz = 0, channels = 0;
+};
+
+Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet, const std::string& control, Heard& heard, Teller& teller) {
+  auto connection = client::Connection::connect({control, {}, {}});
+  if (auto failed = failure_of(connection)) return failed;
+  client::SessionOptions options;
+  options.name = "demo";
+  options.clock = client::Clock::kSimulation;
+  options.seed = arguments.seed;
+  options.default_material = arguments.material;
+  options.sheets.push_back({.id = kSheet, .name = arguments.what});
+  auto session = client::Session::attach(*connection, options);
+  if (auto failed = failure_of(session)) return failed;
+  auto pcm = session->listen();
+  if (auto failed = failure_of(pcm)) return failed;
+  auto observations = client::ObservationReader::listen(*connection, session->id());
+  if (auto failed = failure_of(observations)) return failed;
+
+  std::atomic<bool> done{false};
+  std::thread teller_thread([&] {
+    while (!done.load()) {
+      while (auto seen = observations->next(std::chrono::milliseconds(20))) teller.tell(*seen);
+    }
+  });
+  Failure failed;
+  std::thread listener_thread([&] {
+    while (auto block = pcm->next(std::chrono::seconds(30))) {
+      if (block->end) return;
+      heard.rate_hz = block->rate_hz;
+      heard.channels = block->channels;
+      heard.interleaved.insert(heard.interleaved.end(), block->interleaved.begin(), block->interleaved.end());
+    }
+    failed = "no sound came back for 30 s";
+  });
+  Failure sending = simulate(*session, sheet);
+  if (sending) static_cast<void>(session->end());
+  listener_thread.join();
+  done.store(true);
+  teller_thread.join();
+  for (const auto& notice : session->poll_notices()) warn(fmt::format("{}: {} {}", notice.field, notice.message, notice.remedy));
+  static_cast<void>(session->detach());
+  return sending ? sending : failed;
+}
+
+int run(const DemoArguments& arguments) {
+  std::string name = arguments.what;
+  if (name == "bend,slide,snap,shake" || name == "all") name = "bend_slide_snap_shake";
+  const auto sheet = sheets::make_demo(name, arguments.triangles, arguments.seed);
+  if (!sheet) {
+    std::string names;
+    for (const auto known : sheets::demo_names()) names += " " + std::string(known);
+    return complain(fmt::format("there is no demo \"{}\"; there are:{}", arguments.what, names), kWrongUsage);
+  }
+  auto packs = std::make_shared<pack::PackLibrary>();
+  if (auto found = packs->find(arguments.material); !found) return complain(found.error().text(), kWrongUsage);
+
+  const SocketFolder folder;
+  if (folder.path().empty()) return complain("no folder for the demo's sockets could be made; set TMPDIR to one that is yours", kFailed);
+  DaemonOptions options;
+  options.sockets.control = "ipc://" + folder.path() + "/control";
+  options.sockets.stream = "ipc://" + folder.path() + "/stream";
+  options.sockets.out = "ipc://" + folder.path() + "/out";
+  spdlog::set_level(spdlog::level::warn);
+  auto daemon = Daemon::open(options, packs);
+  if (!daemon) return complain(daemon.error(), kFailed);
+  std::atomic<bool> stop{false};
+  std::thread network([&] { (*daemon)->run(stop); });
+
+  fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {} triangles.\n", arguments.material, sheet->duration_s(),
+             sheet->mesh().triangles.size());
+  Heard heard;
+  Teller teller;
+  const auto failed = play(arguments, *sheet, options.sockets.control, heard, teller);
+  stop.store(true);
+  network.join();
+  if (failed) return complain(*failed, kFailed);
+
+  const std::string wav_name = arguments.output + ".wav", picture_name = arguments.output + ".png";
+  auto wav = sinks::WavWriter::create(wav_name, static_cast<int>(heard.rate_hz), static_cast<int>(heard.channels), sinks::WavFormat::kFloat32);
+  if (!wav) return complain(wav.error(), kFailed);
+  auto written = wav->write(heard.interleaved);
+  if (written) written = wav->close();
+  if (!written) return complain(written.error(), kFailed);
+  const report::Sound sound{heard.interleaved, static_cast<int>(heard.channels), static_cast<double>(heard.rate_hz), 0};
+  report::SpectrogramOptions spectrogram;
+  spectrogram.title = fmt::format("rustle demo: a sheet of {}", arguments.material);
+  if (auto drawn = report::write_spectrogram_png(picture_name, sound, teller.marks(), spectrogram); !drawn) return complain(drawn.error(), kFailed);
+  float peak = 0;
+  for (const float x : heard.interleaved) peak = std::max(peak, std::abs(x));
+  fmt::print("{}: {:.1f} s, peak {:.1f} dBFS; {}: its spectrogram\n", wav_name, sound.duration_s(), 20 * std::log10(std::max(peak, 1e-15f)),
+             picture_name);
+  return kDone;
+}
+
+}  // namespace
+
+void add_demo(CLI::App& app, Action& action) {
+  auto arguments = std::make_shared<DemoArguments>();
+  auto* command = app.add_subcommand("demo", "Attach a built-in animated sheet to a daemon of its own and write what it sounds like");
+  command->footer("Example: rustle demo snap --material printer-paper -o snap");
+  std::string names;
+  for (const auto known : sheets::demo_names()) names += (names.empty() ? "" : ", ") + std::string(known);
+  command->add_option("WHAT", arguments->what, "One of: " + names)->capture_default_str();
+  command->add_option("-o,--output", arguments->output, "Writes OUTPUT.wav and OUTPUT.png")->capture_default_str();
+  command->add_option("--material", arguments->material, "The sheet's material")->capture_default_str();
+  command->add_option("--seed", arguments->seed, "Seed of everything random")->capture_default_str();
+  command->add_option("--triangles", arguments->triangles, "Of the sheet's mesh")->check(CLI::Range(50, 100000))->capture_default_str();
+  command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
+}
+
+}  // namespace rustle::apps

@@ -1,0 +1,293 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "server/apps/capture_source.h"
+#include "server/apps/command.h"
+#include "server/apps/render_report.h"
+#include "server/session/offline.h"
+#include "server/session/settled_options.h"
+#include "server/sinks/event_log.h"
+#include "server/sinks/wav.h"
+
+namespace rustle::apps {
+namespace {
+
+struct RenderArguments {
+  std::string capture, output, material, channels = "stereo", mode, format = "f32", listener, stems, events, report;
+  std::optional<std::uint64_t> seed;
+  int block_size = 128;
+  int workers = 1;
+  int rate_hz = 0;
+  double gain_db = 0;
+  bool json = false;
+};
+
+std::optional<sheet::Vec3d> parse_point(const std::string& text) {
+  sheet::Vec3d point;
+  char rest = 0;
+  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%c", &point.x(), &point.y(), &point.z(), &rest) != 3 || !point.allFinite()) return std::nullopt;
+  return point;
+}
+
+sinks::WavFormat wav_format(const std::string& name) {
+  if (name == "s16") return sinks::WavFormat::kInt16;
+  return name == "s24" ? sinks::WavFormat::kInt24 : sinks::WavFormat::kFloat32;
+}
+
+/// A stem per sheet and kind, in a file of its own from the first time it sounds.
+class StemFiles {
+ public:
+  StemFiles(std::filesystem::path folder, int rate_hz, int channels, sinks::WavFormat format)
+      : folder_(std::move(folder)), rate_hz_(rate_hz), channels_(channels), format_(format) {}
+
+  tl::expected<void, std::string> write(const engine::AudioQuantum& quantum, const std::vector<sheet::SheetId>& sheets) {
+    for (std::size_t bus = 0; bus < quantum.stems.size(); ++bus) {
+      const auto& samples = quantum.stems[bus];
+      auto file = files_.find(bus);
+      if (file == files_.end()) {
+        if (std::all_of(samples.begin(), samples.end(), [](float x) { return x == 0; })) continue;
+        const auto index = static_cast<std::size_t>(synthesis::sheet_of(static_cast<synthesis::Bus>(bus)));
+        const auto name = fmt::format("sheet-{}-{}.wav", index < sheets.size() ? sheets[index] : 0,
+                                      wire::kind_name(synthesis::kind_of(static_cast<synthesis::Bus>(bus))));
+        auto created = sinks::WavWriter::create(folder_ / name, rate_hz_, channels_, format_);
+        if (!created) return tl::unexpected(created.error());
+        file = files_.emplace(bus, std::move(*created)).first;
+        const std::vector<float> silence(static_cast<std::size_t>(channels_) * synthesis::kQuantum);
+        for (std::int64_t at = 0; at < quantum.first_sample; at += synthesis::kQuantum) {
+          if (auto written = file->second.write(silence); !written) return written;
+        }
+      }
+      if (auto written = file->second.write(samples); !written) return written;
+    }
+    return {};
+  }
+
+  tl::expected<void, std::string> close() {
+    for (auto& [bus, file] : files_) {
+      if (auto closed = file.close(); !closed) return closed;
+    }
+    return {};
+  }
+
+ private:
+  std::filesystem::path folder_;
+  int rate_hz_, channels_;
+  sinks::WavFormat format_;
+  std::map<std::size_t, sinks::WavWriter> files_;
+};
+
+/// Hands quanta on in blocks of the size asked for, as a sound card would take them.
+class Blocks {
+ public:
+  Blocks(int samples, int channels) : size_(static_cast<std::size_t>(samples) * static_cast<std::size_t>(channels)) {}
+
+  template <typename Write>
+  tl::expected<void, std::string> add(std::span<const float> interleaved, const Write& write) {
+    waiting_.insert(waiting_.end(), interleaved.begin(), interleaved.end());
+    std::size_t at = 0;
+    for (; waiting_.size() - at >= size_; at += size_) {
+      if (auto written = write(std::span(waiting_).subspan(at, size_)); !written) return written;
+    }
+    waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(at));
+    return {};
+  }
+  template <typename Write>
+  tl::expected<void, std::string> flush(const Write& write) {
+    return write(std::span<const float>(waiting_));
+  }
+
+ private:
+  std::size_t size_;
+  std::vector<float> waiting_;
+};
+
+int run(const RenderArguments& arguments) {
+  const auto began = std::chrono::steady_clock::now();
+  auto source = CaptureSource::open(arguments.capture);
+  if (!source) return complain(source.error(), std::filesystem::exists(arguments.capture) ? kFailed : kWrongUsage);
+
+  session::SessionOptions options = source->options();
+  if (arguments.seed) options.seed = *arguments.seed;
+  if (!arguments.mode.empty()) {
+    options.mode = arguments.mode == "published" ? session::SynthesisMode::kPublished : session::SynthesisMode::kCorrected;
+  }
+  if (arguments.rate_hz != 0) options.rate_hz = static_cast<std::uint32_t>(arguments.rate_hz);
+  options.channels = arguments.channels == "mono" ? session::ChannelLayout::kMono : session::ChannelLayout::kStereo;
+  options.clock = session::Clock::kSimulation;
+  options = session::settled(options);
+
+  auto packs = std::make_shared<pack::PackLibrary>();
+  const std::string& wanted = arguments.material.empty() ? options.default_material : arguments.material;
+  if (auto found = packs->find(wanted); !found) {
+    return complain(found.error().text(), kWrongUsage);
+  }
+  engine::Options engine_options = session::engine_options(options);
+  engine_options.gain_db = arguments.gain_db;
+  engine_options.stems = !arguments.stems.empty();
+  if (!arguments.material.empty()) engine_options.every_material = arguments.material;
+
+  std::optional<scene::Listener> listener;
+  if (!arguments.listener.empty()) {
+    const auto point = parse_point(arguments.listener);
+    if (!point) return complain("--listener takes three numbers in metres, as in --listener 0,-1,0.5", kWrongUsage);
+    listener = scene::Listener{options.time_origin_s, *point, std::nullopt, sheet::Vec3d::UnitZ()};
+  }
+  const int channels = engine::channels_of(engine_options.layout);
+  const auto format = wav_format(arguments.format);
+  if (!arguments.stems.empty()) {
+    std::error_code failed;
+    std::filesystem::create_directories(arguments.stems, failed);
+    if (failed) return complain(fmt::format("{}: cannot be made ({})", arguments.stems, failed.message()), kFailed);
+  }
+  auto wav = sinks::WavWriter::create(arguments.output, engine_options.rate_hz, channels, format);
+  if (!wav) return complain(wav.error(), kFailed);
+
+  StemFiles stems(arguments.stems, engine_options.rate_hz, channels, format);
+  Blocks blocks(arguments.block_size, channels);
+  sinks::EventLog log;
+  RenderFacts facts;
+  facts.capture = arguments.capture;
+  std::vector<sheet::SheetId> sheet_order;
+  std::string failure;
+  std::map<std::string, CaptureSource::Refusals> engine_refusals;
+  std::vector<float> heard;
+  const bool keep_samples = !arguments.report.empty();
+  double sum = 0;
+  float peak = 0;
+
+  const auto keep = [&](std::span<const float> samples) { return wav->write(samples); };
+  session::OfflineEnds ends;
+  ends.next = [&]() -> std::optional<engine::StreamItem> {
+    if (listener) {
+      const auto first = *listener;
+      listener.reset();
+      return first;
+    }
+    auto item = source->next();
+    while (item && !arguments.listener.empty() && std::holds_alternative<scene::Listener>(*item)) item = source->next();
+    if (item) facts.see(*item, sheet_order);
+    return item;
+  };
+  ends.observed = [&](const observation::Observation& observed) { log.add(observed); };
+  ends.refused = [&](const engine::Refusal& refusal) {
+    auto& refusals = engine_refusals[refusal.field];
+    if (refusals.count++ == 0) refusals.first = fmt::format("{}: {} {}", refusal.field, refusal.message, refusal.remedy);
+  };
+  Progress progress("rendering");
+  ends.audio = [&](const engine::AudioQuantum& quantum) {
+    for (const float x : quantum.mix) {
+      sum += static_cast<double>(x) * x;
+      peak = std::max(peak, std::abs(x));
+    }
+    if (keep_samples) heard.insert(heard.end(), quantum.mix.begin(), quantum.mix.end());
+    auto written = blocks.add(quantum.mix, keep);
+    if (written && !arguments.stems.empty()) written = stems.write(quantum, sheet_order);
+    if (!written) failure = written.error();
+    progress.show(source->progress());
+    return failure.empty();
+  };
+  const auto summary = session::render_offline(engine_options, packs, arguments.workers, ends);
+  if (failure.empty()) {
+    auto closed = blocks.flush(keep);
+    if (closed) closed = wav->close();
+    if (closed) closed = stems.close();
+    if (!closed) failure = closed.error();
+  }
+  if (!failure.empty()) return complain(failure, kFailed);
+
+  const auto events = log.finish();
+  if (!arguments.events.empty()) {
+    if (auto written = sinks::write_json_lines(arguments.events, events); !written) return complain(written.error(), kFailed);
+  }
+  const double elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+  const double seconds = static_cast<double>(summary.samples) / engine_options.rate_hz;
+  const double rms = std::sqrt(sum / std::max<double>(1, static_cast<double>(summary.samples) * channels));
+  const auto dbfs = [](double x) { return 20 * std::log10(std::max(x, 1e-15)); };
+
+  std::vector<std::string> notices;
+  auto refused = source->refused();
+  refused.insert(engine_refusals.begin(), engine_refusals.end());
+  for (const auto& [code, refusals] : refused) {
+    notices.push_back(fmt::format("{} message{} left out, first: {}", refusals.count, refusals.count == 1 ? "" : "s", refusals.first));
+  }
+  if (!source->recovery().complete) notices.push_back(fmt::format("{}: {}", arguments.capture, source->recovery().what));
+  if (source->frames() == 0) notices.push_back(fmt::format("{}: not one frame could be used", arguments.capture));
+
+  if (!arguments.report.empty()) {
+    facts.options = engine_options;
+    facts.first_time_s = source->first_time_s();
+    facts.duration_s = source->newest_time_s() - source->first_time_s();
+    facts.render_s = elapsed_s;
+    facts.frames = source->frames();
+    facts.limited_samples = summary.limited_samples;
+    facts.notices = notices;
+    if (auto written = write_render_report(arguments.report, facts, events, heard, *packs); !written) {
+      return complain(written.error(), kFailed);
+    }
+  }
+
+  std::map<std::string, int> by_kind{{"crumpling", 0}, {"friction", 0}, {"tearing", 0}};
+  for (const auto& event : events) ++by_kind[sinks::name_of(event.kind)];
+  if (arguments.json) {
+    fmt::print("{}\n", nlohmann::ordered_json{{"output", arguments.output},
+                                              {"seconds", seconds},
+                                              {"samples", summary.samples},
+                                              {"rate_hz", engine_options.rate_hz},
+                                              {"channels", channels},
+                                              {"frames", source->frames()},
+                                              {"events", by_kind},
+                                              {"peak_dbfs", dbfs(peak)},
+                                              {"rms_dbfs", dbfs(rms)},
+                                              {"elapsed_s", elapsed_s},
+                                              {"analysis_s", summary.analysis_s},
+                                              {"synthesis_s", summary.synthesis_s},
+                                              {"left_out", notices}}
+                           .dump());
+  } else {
+    fmt::print("{}: {:.2f} s from {} frames, {} crumpling events, {} friction episodes, {} tears; peak {:.1f} dBFS, RMS {:.1f} dBFS; "
+               "rendered in {:.2f} s, {:.0f}x real time\n",
+               arguments.output, seconds, source->frames(), by_kind["crumpling"], by_kind["friction"], by_kind["tearing"],
+               dbfs(peak), dbfs(rms), elapsed_s, seconds / std::max(elapsed_s, 1e-9));
+  }
+  for (const auto& notice : notices) warn(notice);
+  return notices.empty() ? kDone : kFailed;
+}
+
+}  // namespace
+
+void add_render(CLI::App& app, Action& action) {
+  auto arguments = std::make_shared<RenderArguments>();
+  auto* command = app.add_subcommand("render", "Render a capture to a WAV file, faster than real time");
+  command->footer("Example: rustle render crumple.mcap -o crumple.wav --events crumple.jsonl --report crumple.html\n"
+                  "Without --material the capture's own is used, else printer paper; without --listener the capture's own, else\n"
+                  "1 m from the sheet's first centroid at 30 degrees above. What cannot be used is left out, named, and status 1.");
+  command->add_option("CAPTURE", arguments->capture, "The capture (.mcap)")->required();
+  command->add_option("-o,--output", arguments->output, "The WAV file to write")->required();
+  command->add_option("--material", arguments->material, "Material of every sheet, such as printer-paper");
+  command->add_option("--seed", arguments->seed, "Seed of everything random");
+  command->add_option("--block-size", arguments->block_size, "Samples handed on at a time; changes no sample")
+      ->check(CLI::Range(1, 1 << 20))->capture_default_str();
+  command->add_option("--workers", arguments->workers, "Threads; 2 lets analysis run ahead of synthesis; changes no sample")
+      ->check(CLI::Range(1, 64))->capture_default_str();
+  command->add_option("--channels", arguments->channels, "mono or stereo")->check(CLI::IsMember({"mono", "stereo"}))->capture_default_str();
+  command->add_option("--mode", arguments->mode, "published: the papers' formulas as printed")->check(CLI::IsMember({"published", "corrected"}));
+  command->add_option("--listener", arguments->listener, "Where it is heard, x,y,z in metres, z up");
+  command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")->check(CLI::Range(-120.0, 60.0))->capture_default_str();
+  command->add_option("--rate", arguments->rate_hz, "Sample rate in Hz")->check(CLI::IsMember({44100, 48000, 96000}));
+  command->add_option("--format", arguments->format, "Sample format")->check(CLI::IsMember({"f32", "s16", "s24"}))->capture_default_str();
+  command->add_option("--stems", arguments->stems, "Folder for a WAV file per sheet and kind, before the limiter");
+  command->add_option("--events", arguments->events, "Event list to write, a JSON object per line");
+  command->add_option("--report", arguments->report, "HTML report to write, one file");
+  command->add_flag("--json", arguments->json, "Print the summary as JSON");
+  command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
+}
+
+}  // namespace rustle::apps

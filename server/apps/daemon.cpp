@@ -1,0 +1,450 @@
+#include "server/apps/daemon.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "server/session/settled_options.h"
+
+namespace rustle::apps {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr std::uint32_t kWindowMessages = 64;
+constexpr std::uint64_t kWindowBytes = std::uint64_t{64} << 20;
+constexpr milliseconds kAnnouncementGrace{1200};  // publishers announce themselves every second
+constexpr std::size_t kStrangerMessages = 64;
+constexpr milliseconds kNoticeInterval{500};
+constexpr seconds kFinishedKept{30};
+constexpr seconds kIdleKept{300};
+constexpr double kRestart_s = 0.5;  // a publisher whose time goes back by more has started again
+
+wire::ErrorCode code_of(engine::Refusal::Cause cause) {
+  switch (cause) {
+    case engine::Refusal::Cause::kUnknownSheet:
+      return wire::ErrorCode::kUnknownSheet;
+    case engine::Refusal::Cause::kUnknownMaterial:
+      return wire::ErrorCode::kUnknownMaterial;
+    case engine::Refusal::Cause::kTimeOrder:
+      return wire::ErrorCode::kTimeOrder;
+    case engine::Refusal::Cause::kTooMany:
+      return wire::ErrorCode::kTooLarge;
+    case engine::Refusal::Cause::kScene:
+      break;
+  }
+  return wire::ErrorCode::kUnknownObstacle;
+}
+
+wire::Error unknown_session(const std::string& id) {
+  return {wire::ErrorCode::kUnknownSession, "session_id", fmt::format("There is no session \"{}\".", id),
+          "Attach first; a session ends when its client detaches.", 0, std::nullopt, {}};
+}
+
+wire::Error unsupported(std::string message, std::string remedy) {
+  return {wire::ErrorCode::kUnsupported, "request", std::move(message), std::move(remedy), 0, std::nullopt, {}};
+}
+
+}  // namespace
+
+Daemon::Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs)
+    : options_(std::move(options)), packs_(std::move(packs)) {}
+
+Daemon::~Daemon() = default;
+
+tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs) {
+  std::unique_ptr<Daemon> daemon(new Daemon(std::move(options), std::move(packs)));
+  auto sockets = wire::Sockets::open(daemon->options_.sockets);
+  if (!sockets) return tl::unexpected(sockets.error());
+  daemon->sockets_ = std::move(*sockets);
+  daemon->scheduler_ = std::make_unique<session::Scheduler>(daemon->options_.analysis_workers, daemon->clock_,
+                                                            [sockets = daemon->sockets_.get()] { sockets->wake(); });
+  return daemon;
+}
+
+void Daemon::run(const std::atomic<bool>& stop) {
+  std::vector<wire::Event> events;
+  while (!stop.load()) {
+    events.clear();
+    sockets_->poll(guests_.empty() && strangers_.empty() ? milliseconds(200) : milliseconds(20), events);
+    for (auto& event : events) std::visit([this](auto& e) { handle(e); }, event);
+    for (auto& [id, guest] : guests_) serve(id, *guest);
+    let_go();
+  }
+  scheduler_.reset();
+}
+
+// ------------------------------------------------------------------------------------------------------------ control
+
+void Daemon::handle(wire::ControlRequestReceived& event) {
+  const auto request = wire::decode_control(event.bytes.bytes());
+  const std::uint64_t id = request ? request->request_id : request.error().request_id;
+  const wire::ControlReply reply = request ? answer(*request) : wire::ControlReply(request.error().error);
+  if (const auto* error = std::get_if<wire::Error>(&reply)) spdlog::warn("control request refused: {}", wire::to_string(*error));
+  sockets_->send_control(event.peer, wire::encode_reply(id, reply));
+}
+
+wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
+  if (std::holds_alternative<wire::HelloRequest>(request.body)) {
+    return wire::Welcome{"rustled " RUSTLE_VERSION, sockets_->stream_endpoint(), sockets_->out_endpoint(), options_.rate_hz,
+                         options_.block_size};
+  }
+  if (const auto* body = std::get_if<wire::AttachRequest>(&request.body)) return attach(request, *body);
+  if (std::holds_alternative<wire::ListPacksRequest>(request.body)) return pack_list();
+  if (std::holds_alternative<wire::ListSessionsRequest>(request.body)) {
+    wire::SessionList list;
+    for (const auto& [id, guest] : guests_) {
+      list.sessions.push_back({id, guest->name, guest->session->options().clock,
+                               static_cast<std::uint32_t>(guest->decoder.sheet_count()), guest->session->counters().newest_time_s});
+    }
+    return list;
+  }
+  Guest* asked = guest(request.session_id);
+  if (asked == nullptr) return unknown_session(request.session_id);
+  if (std::holds_alternative<wire::GetStatisticsRequest>(request.body)) return statistics(*asked);
+  if (const auto* body = std::get_if<wire::DetachRequest>(&request.body)) {
+    asked->session->end();
+    scheduler_->wake_analysis(asked->session);
+    asked->detached = true;
+    if (body->discard) asked->finished = true;
+    return wire::Detached{statistics(*asked)};
+  }
+  return unsupported("This daemon does not do that while a session sounds.", "Detach, and attach again with other options.");
+}
+
+wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body) {
+  std::string id = request.session_id;
+  if (id.empty()) {
+    const std::string stem = wire::valid_session_id(body.name) ? body.name : "session";
+    id = stem;
+    while (guests_.contains(id)) id = fmt::format("{}-{}", stem, ++next_name_);
+  } else if (guests_.contains(id)) {
+    return wire::Error{wire::ErrorCode::kSessionExists, "session_id", fmt::format("There already is a session \"{}\".", id),
+                       "Detach it, choose another id, or leave the id empty to be given one.", 0, std::nullopt, {}};
+  } else if (!wire::valid_session_id(id)) {
+    return wire::Error{wire::ErrorCode::kMalformed, "session_id", "This is no session id.",
+                       "Use 1 to 128 characters without slashes and control characters.", 0, std::nullopt, {}};
+  }
+  if (guests_.size() >= options_.max_sessions) {
+    return wire::Error{wire::ErrorCode::kQuotaExceeded, "sessions", "The daemon carries as many sessions as it may.",
+                       "Detach a session, or start rustled with a higher --max-sessions.", 0,
+                       wire::Quota{"sessions", static_cast<double>(options_.max_sessions), static_cast<double>(guests_.size() + 1)}, {}};
+  }
+  if (body.options.channels == session::ChannelLayout::kBinaural) {
+    return unsupported("Binaural sound is not rendered by this version.", "Ask for stereo.");
+  }
+  if (auto wrong = check_material(body.options.default_material, {}, "attach.options.default_material")) return *wrong;
+  for (std::size_t k = 0; k < body.sheets.size(); ++k) {
+    const auto& sheet = body.sheets[k];
+    if (sheet.material.empty()) continue;
+    if (auto wrong = check_material(sheet.material, sheet.touched_surface, fmt::format("attach.sheets[{}].material", k))) return *wrong;
+  }
+  session::SessionOptions options = body.options;
+  if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
+  if (options.block_size == 0) options.block_size = options_.block_size;
+  Guest& admitted = admit(id, body.name, options, true);
+  for (const auto& sheet : body.sheets) {
+    if (auto added = admitted.decoder.add_sheet(sheet); !added) {
+      const wire::Error error = added.error();
+      scheduler_->remove(*admitted.session);
+      guests_.erase(id);
+      return error;
+    }
+    static_cast<void>(admitted.session->offer(sheet, 0));
+  }
+  scheduler_->wake_analysis(admitted.session);
+  wire::Attached attached{id, admitted.session->options(), std::nullopt};
+  if (options.clock == session::Clock::kSimulation) attached.credit = wire::FlowCredit{0, kWindowMessages, kWindowBytes};
+  return attached;
+}
+
+std::optional<wire::Error> Daemon::check_material(const std::string& material, const std::string& surface, std::string field) const {
+  auto found = packs_->find(material.empty() ? "printer-paper" : material, surface);
+  if (found) return std::nullopt;
+  return wire::Error{wire::ErrorCode::kUnknownMaterial, std::move(field), found.error().message, found.error().remedy, 0, std::nullopt, {}};
+}
+
+wire::ControlReply Daemon::pack_list() const {
+  wire::PackList list;
+  for (const auto& entry : packs_->entries()) {
+    wire::PackInfo info{entry.name, entry.material, entry.touched_surface, entry.version, entry.licence, 0, 0, 0, {}};
+    if (auto pack = packs_->load(entry.material, entry.touched_surface, options_.rate_hz)) {
+      info.rate_hz = (*pack)->stored_rate_hz;
+      if ((*pack)->crumpling) {
+        info.units = static_cast<std::uint32_t>((*pack)->crumpling->units.size());
+        info.models.push_back("crumpling");
+      }
+      if ((*pack)->friction) {
+        info.spectra = static_cast<std::uint32_t>((*pack)->friction->spectra.size());
+        info.models.push_back("friction");
+      }
+    }
+    list.packs.push_back(std::move(info));
+  }
+  return list;
+}
+
+// ------------------------------------------------------------------------------------------------------------- stream
+
+Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::SessionOptions options, bool attached) {
+  options = session::settled(std::move(options));
+  auto session = std::make_shared<session::Session>(id, options, packs_, clock_);
+  scheduler_->add(session);
+  auto& place = guests_[id];
+  place = std::make_unique<Guest>(std::move(session), std::move(name), attached);
+  place->last_heard = std::chrono::steady_clock::now();
+  for (const auto& topic : sockets_->subscriptions()) {
+    wire::SubscriptionChanged known{topic, true};
+    handle(known);
+  }
+  spdlog::info("session {} {}: {} clock, {} Hz, {} channels", id, attached ? "attached" : "announced itself",
+               options.clock == session::Clock::kLive ? "live" : "simulation", options.rate_hz, session::channel_count(options.channels));
+  return *place;
+}
+
+Daemon::Guest* Daemon::guest(const std::string& id) {
+  const auto found = guests_.find(id);
+  return found == guests_.end() ? nullptr : found->second.get();
+}
+
+void Daemon::handle(wire::StreamReceived& event) {
+  auto envelope = wire::StreamEnvelope::parse(event.bytes.bytes(), event.topic);
+  if (!envelope) {
+    if (Guest* sender = guest(event.topic)) {
+      notify(*sender, envelope.error());
+    } else {
+      spdlog::warn("stream message refused: {}", wire::to_string(envelope.error()));
+    }
+    return;
+  }
+  if (Guest* known = guest(envelope->session_id())) {
+    const bool restarted = !known->attached && envelope->time_s() && envelope->body() == wire::StreamEnvelope::Body::kFrame &&
+                           *envelope->time_s() < known->newest_frame_s - kRestart_s;
+    if (!restarted && !(known->finished && !known->attached)) {
+      take(*known, *envelope);
+      return;
+    }
+    spdlog::info("session {} starts again", envelope->session_id());
+    scheduler_->remove(*known->session);
+    guests_.erase(envelope->session_id());
+  }
+  if (Guest* met = meet_publisher(*envelope)) take(*met, *envelope);
+}
+
+Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
+  const std::string id = envelope.session_id();
+  const auto now = std::chrono::steady_clock::now();
+  auto [stranger, fresh] = strangers_.try_emplace(id);
+  if (fresh) {
+    stranger->second.since = now;
+    if (strangers_.size() > options_.max_sessions) {
+      strangers_.erase(stranger);
+      return nullptr;
+    }
+  }
+  std::optional<wire::Announcement> announcement;
+  if (envelope.body() == wire::StreamEnvelope::Body::kAnnouncement) {
+    auto read = envelope.announcement();
+    if (!read) {
+      spdlog::warn("announcement of {} refused: {}", id, wire::to_string(read.error()));
+      publish_notice(id, wire::notice_of(read.error()), 1);
+      return nullptr;
+    }
+    announcement = std::move(*read);
+  } else if (now - stranger->second.since < kAnnouncementGrace) {
+    using Body = wire::StreamEnvelope::Body;
+    const bool describes = envelope.body() == Body::kSheet || envelope.body() == Body::kTopology || envelope.body() == Body::kScene ||
+                           envelope.body() == Body::kListener;
+    if (describes && stranger->second.said.size() < kStrangerMessages) stranger->second.said.push_back(std::move(envelope));
+    return nullptr;
+  } else if (stranger->second.said.empty() && envelope.body() != wire::StreamEnvelope::Body::kSheet) {
+    publish_notice(id, wire::notice_of(unknown_session(id)), 1);
+    return nullptr;  // nothing is known of its sheets yet
+  }
+  if (guests_.size() >= options_.max_sessions) {
+    spdlog::warn("session {} refused: {} sessions are as many as this daemon may carry", id, guests_.size());
+    return nullptr;
+  }
+  session::SessionOptions options;
+  if (announcement) options = announcement->options;
+  if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
+  if (options.block_size == 0) options.block_size = options_.block_size;
+  if (options.channels == session::ChannelLayout::kBinaural) options.channels = session::ChannelLayout::kStereo;
+  const auto said = std::move(stranger->second.said);
+  strangers_.erase(stranger);
+  Guest& met = admit(id, announcement ? announcement->name : id, options, false);
+  for (const auto& earlier : said) take(met, earlier);
+  return &met;
+}
+
+void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
+  sender.last_heard = std::chrono::steady_clock::now();
+  ++sender.messages;
+  const std::uint64_t sequence = envelope.sequence();
+  if (sequence > sender.last_sequence) {
+    if (sender.last_sequence != 0) sender.sequence_gaps += sequence - sender.last_sequence - 1;
+    sender.last_sequence = sequence;
+  }
+  const bool is_frame = envelope.body() == wire::StreamEnvelope::Body::kFrame;
+  auto decoded = sender.decoder.decode(envelope);
+  if (!decoded) {
+    ++sender.refused;
+    if (is_frame) sender.session->count_drop(std::string(wire::code_name(decoded.error().code)));
+    notify(sender, decoded.error());
+  } else if (decoded->item) {
+    if (is_frame) sender.newest_frame_s = std::max(sender.newest_frame_s, envelope.time_s().value_or(-1e300));
+    if (sender.session->offer(std::move(*decoded->item), sequence)) {
+      if (sequence != 0) sender.offered = sequence;
+      scheduler_->wake_analysis(sender.session);
+    } else {
+      ++sender.refused;
+      notify(sender, {wire::ErrorCode::kOverloaded, "stream", "The session's inbox is full or the session has ended.",
+                      "Wait for credit before sending on, as the SDKs do.", sequence, std::nullopt, {}});
+    }
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------------------- out
+
+void Daemon::handle(wire::SubscriptionChanged& event) {
+  const auto topic = wire::parse_pcm_topic(event.topic);
+  if (!topic) return;
+  Guest* heard = guest(topic->session_id);
+  if (heard == nullptr) return;
+  if (!event.on) {
+    heard->pcm.erase(event.topic);
+    return;
+  }
+  if (topic->content != wire::PcmContent::kMix || topic->format == wire::PcmFormat::kOpus) {
+    publish_notice(topic->session_id,
+                   {wire::NoticeLevel::kError, "unsupported", "topic", fmt::format("\"{}\" is not streamed by this version.", event.topic),
+                    "Subscribe to the mix as f32 or s16.", 0, 1},
+                   ++heard->out_sequence[wire::notices_topic(topic->session_id)]);
+    return;
+  }
+  heard->pcm.try_emplace(event.topic, PcmOut{*topic, {}, 0, 0});
+}
+
+void Daemon::serve(const std::string& id, Guest& served) {
+  for (auto& outcome : served.session->take_outcomes()) {
+    if (auto* observed = std::get_if<observation::Observation>(&outcome)) {
+      const std::string topic = wire::observations_topic(id);
+      if (sockets_->has_listener(topic)) {
+        sockets_->publish(topic, wire::encode_observation({id, ++served.out_sequence[topic]}, *observed, served.session->options().up_axis));
+      }
+    } else if (auto* refused = std::get_if<session::Refused>(&outcome)) {
+      ++served.refused;
+      notify(served, {code_of(refused->why.cause), refused->why.field, refused->why.message, refused->why.remedy, refused->sequence,
+                      std::nullopt, {}});
+    } else if (auto* analysed = std::get_if<session::Analysed>(&outcome)) {
+      served.analysed = std::max(served.analysed, analysed->sequence);
+    }
+  }
+  acknowledge(served);
+  while (served.session->take_audio(served.session->options().block_size, block_)) publish_pcm(served, block_);
+  if (served.session->finished() && !served.finished) {
+    served.finished = true;
+    served.finished_at = std::chrono::steady_clock::now();
+    for (auto& [topic, out] : served.pcm) {
+      sockets_->publish(topic, wire::encode_end({id, ++out.sequence}, served.session->samples_rendered()));
+    }
+    const auto counters = served.session->counters();
+    spdlog::info("session {} ended: {} frames, {} crumpling events, {} friction episodes", id, counters.frames_analysed,
+                 counters.crumpling_events, counters.friction_episodes);
+  }
+}
+
+void Daemon::acknowledge(Guest& sender) {
+  if (sender.session->options().clock != session::Clock::kSimulation) return;
+  const std::uint64_t acknowledged = sender.analysed >= sender.offered ? sender.last_sequence : sender.analysed;
+  if (acknowledged <= sender.acknowledged) return;
+  sender.acknowledged = acknowledged;
+  const std::string topic = wire::acknowledgements_topic(sender.session->id());
+  sockets_->publish(topic, wire::encode_credit({sender.session->id(), ++sender.out_sequence[topic]},
+                                               {acknowledged, kWindowMessages, kWindowBytes}));
+}
+
+void Daemon::publish_pcm(Guest& sender, const session::AudioBlock& block) {
+  for (auto& [topic, out] : sender.pcm) {
+    if (out.waiting.empty()) out.first_sample = block.first_sample;
+    out.waiting.insert(out.waiting.end(), block.interleaved.begin(), block.interleaved.end());
+    flush_pcm(sender, out, block.last);
+  }
+}
+
+void Daemon::flush_pcm(Guest& sender, PcmOut& out, bool all) {
+  const auto& options = sender.session->options();
+  const auto channels = static_cast<std::size_t>(session::channel_count(options.channels));
+  const std::size_t whole = static_cast<std::size_t>(out.topic.blocks) * options.block_size * channels;
+  if (out.waiting.empty() || (!all && out.waiting.size() < whole)) return;
+  wire::PcmHeader header;
+  header.first_sample = out.first_sample;
+  header.rate_hz = options.rate_hz;
+  header.channels = static_cast<std::uint32_t>(channels);
+  header.format = out.topic.format;
+  header.time_s = sender.session->time_of(out.first_sample);
+  header.content = wire::MixContent{};
+  sockets_->publish(wire::to_string(out.topic), wire::encode_pcm({sender.session->id(), ++out.sequence}, header, out.waiting));
+  out.waiting.clear();
+}
+
+void Daemon::notify(Guest& sender, const wire::Error& error) {
+  auto& tally = sender.notices[std::string(wire::code_name(error.code))];
+  ++tally.unsent;
+  const auto now = std::chrono::steady_clock::now();
+  if (now - tally.last_sent < kNoticeInterval) return;
+  const std::string& id = sender.session->id();
+  spdlog::warn("session {}: {}{}", id, wire::to_string(error), tally.unsent > 1 ? fmt::format(" ({} times)", tally.unsent) : "");
+  publish_notice(id, wire::notice_of(error, tally.unsent), ++sender.out_sequence[wire::notices_topic(id)]);
+  tally = {now, 0};
+}
+
+void Daemon::publish_notice(const std::string& session_id, const wire::Notice& notice, std::uint64_t sequence) {
+  sockets_->publish(wire::notices_topic(session_id), wire::encode_notice({session_id, sequence}, notice));
+}
+
+void Daemon::let_go() {
+  const auto now = std::chrono::steady_clock::now();
+  std::erase_if(strangers_, [&](const auto& entry) { return now - entry.second.since > kIdleKept; });
+  for (auto entry = guests_.begin(); entry != guests_.end();) {
+    Guest& kept = *entry->second;
+    if (!kept.finished && now - kept.last_heard > kIdleKept) {
+      kept.session->end();
+      scheduler_->wake_analysis(kept.session);
+      kept.detached = true;
+      kept.last_heard = now;
+    }
+    if (kept.finished && (kept.detached || now - kept.finished_at > kFinishedKept)) {
+      scheduler_->remove(*kept.session);
+      entry = guests_.erase(entry);
+    } else {
+      ++entry;
+    }
+  }
+}
+
+wire::Statistics Daemon::statistics(const Guest& asked) const {
+  const auto counters = asked.session->counters();
+  const auto& options = asked.session->options();
+  wire::Statistics out;
+  out.session_id = asked.session->id();
+  out.messages_received = asked.messages;
+  out.frames_received = counters.frames_received;
+  out.frames_analysed = counters.frames_analysed;
+  out.frames_dropped = counters.frames_dropped;
+  out.messages_refused = asked.refused;
+  out.sequence_gaps = asked.sequence_gaps;
+  out.samples_due = static_cast<std::uint64_t>(asked.session->samples_rendered());
+  out.samples_sent = out.samples_due;
+  out.crumpling_events = counters.crumpling_events;
+  out.friction_episodes = counters.friction_episodes;
+  out.tear_events = counters.tear_events;
+  out.newest_time_s = counters.newest_time_s;
+  out.rendered_time_s = asked.session->time_of(asked.session->samples_rendered());
+  out.playout_delay_s = *options.playout_delay_s;
+  return out;
+}
+
+}  // namespace rustle::apps

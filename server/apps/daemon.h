@@ -1,0 +1,117 @@
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "server/session/scheduler.h"
+#include "server/wire/control.h"
+#include "server/wire/decode.h"
+#include "server/wire/sockets.h"
+#include "server/wire/topics.h"
+#include "sound_db/pack/library.h"
+
+namespace rustle::apps {
+
+struct DaemonOptions {
+  wire::Sockets::Options sockets;
+  int analysis_workers = 1;
+  std::uint32_t rate_hz = 48000;
+  std::uint32_t block_size = 128;
+  std::size_t max_sessions = 256;
+};
+
+/// The daemon: sockets on one side, sessions on the other. Decodes what arrives and hands it to its session, publishes what
+/// sessions have to say. run() is the network thread; everything here belongs to it.
+class Daemon {
+ public:
+  /// Error: a sentence that names the endpoint or flag and what to do.
+  static tl::expected<std::unique_ptr<Daemon>, std::string> open(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs);
+  ~Daemon();
+
+  const wire::Sockets& sockets() const { return *sockets_; }
+
+  /// Serves until `stop` is set.
+  void run(const std::atomic<bool>& stop);
+
+ private:
+  using Instant = std::chrono::steady_clock::time_point;
+
+  /// PCM on its way to one topic.
+  struct PcmOut {
+    wire::PcmTopic topic;
+    std::vector<float> waiting;
+    std::int64_t first_sample = 0;
+    std::uint64_t sequence = 0;
+  };
+  struct NoticeTally {
+    Instant last_sent{};
+    std::uint64_t unsent = 0;
+  };
+  struct Guest {
+    Guest(std::shared_ptr<session::Session> its_session, std::string its_name, bool by_control)
+        : session(std::move(its_session)), decoder(session->options()), name(std::move(its_name)), attached(by_control) {}
+
+    std::shared_ptr<session::Session> session;
+    wire::Decoder decoder;
+    std::string name;
+    bool attached;  ///< by control; else by an announcement
+    bool detached = false;
+    std::uint64_t last_sequence = 0, sequence_gaps = 0, messages = 0, refused = 0;
+    std::uint64_t offered = 0, analysed = 0, acknowledged = 0;  ///< stream sequences
+    double newest_frame_s = -1e300;
+    std::map<std::string, PcmOut> pcm;                          ///< by topic
+    std::map<std::string, std::uint64_t> out_sequence;          ///< by topic, of what is not PCM
+    std::map<std::string, NoticeTally> notices;                 ///< by code
+    Instant last_heard{}, finished_at{};
+    bool finished = false;
+  };
+  /// A publisher that has not announced itself: what it said so far, in case it never does.
+  struct Stranger {
+    Instant since{};
+    std::vector<wire::StreamEnvelope> said;
+  };
+
+  Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs);
+
+  void handle(wire::ControlRequestReceived& event);
+  void handle(wire::StreamReceived& event);
+  void handle(wire::SubscriptionChanged& event);
+
+  wire::ControlReply answer(const wire::ControlRequest& request);
+  wire::ControlReply attach(const wire::ControlRequest& request, const wire::AttachRequest& body);
+  wire::ControlReply pack_list() const;
+  std::optional<wire::Error> check_material(const std::string& material, const std::string& surface, std::string field) const;
+
+  Guest& admit(const std::string& id, std::string name, session::SessionOptions options, bool attached);
+  Guest* guest(const std::string& id);
+  /// The publisher as a guest once enough is known of it; until then the message may be kept. Null: not yet.
+  Guest* meet_publisher(wire::StreamEnvelope& envelope);
+  void take(Guest& guest, const wire::StreamEnvelope& envelope);
+  void serve(const std::string& id, Guest& guest);
+  void publish_pcm(Guest& guest, const session::AudioBlock& block);
+  void flush_pcm(Guest& guest, PcmOut& out, bool all);
+  void notify(Guest& guest, const wire::Error& error);
+  void publish_notice(const std::string& session_id, const wire::Notice& notice, std::uint64_t sequence);
+  void acknowledge(Guest& guest);
+  void let_go();
+  wire::Statistics statistics(const Guest& guest) const;
+
+  const DaemonOptions options_;
+  const std::shared_ptr<pack::PackLibrary> packs_;
+  session::SteadyClock clock_;
+  std::unique_ptr<wire::Sockets> sockets_;
+  std::map<std::string, std::unique_ptr<Guest>> guests_;
+  std::map<std::string, Stranger> strangers_;
+  std::unique_ptr<session::Scheduler> scheduler_;
+  session::AudioBlock block_;
+  std::uint64_t next_name_ = 1;
+};
+
+}  // namespace rustle::apps

@@ -1,0 +1,31 @@
+#include <CLI/CLI.hpp>
+#include <exception>
+
+#include "server/apps/command.h"
+
+int main(int argc, char** argv) {
+  using namespace rustle::apps;
+  CLI::App app{"Rustle gives deforming sheets their sound.", "rustle"};
+  app.set_version_flag("--version", "rustle " RUSTLE_VERSION);
+  app.require_subcommand(1);
+  app.footer("Example: rustle import crumple.npz -o crumple.mcap && rustle render crumple.mcap -o crumple.wav\n"
+             "Exit status: 0 done, 1 failed, 2 wrong usage. `rustle COMMAND --help` tells more.");
+  Action action;
+  add_demo(app, action);
+  add_render(app, action);
+  add_import(app, action);
+  add_inspect(app, action);
+  add_replay(app, action);
+  add_listen(app, action);
+  add_pack(app, action);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? kDone : kWrongUsage;
+  }
+  try {
+    return action();
+  } catch (const std::exception& error) {
+    return complain(error.what(), kFailed);
+  }
+}

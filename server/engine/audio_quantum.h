@@ -1,0 +1,20 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "server/synthesis/cue.h"
+
+namespace rustle::engine {
+
+/// One quantum of rendered sound: the mix after the limiter, and every bus before it. Made once, filled again and again.
+struct AudioQuantum {
+  synthesis::SampleTime first_sample = 0;
+  int channels = 0;
+  std::vector<float> mix;                 ///< [kQuantum x channels], interleaved
+  std::vector<std::vector<float>> stems;  ///< per bus, [kQuantum x channels] interleaved; empty unless asked for
+};
+
+}  // namespace rustle::engine

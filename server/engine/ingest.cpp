@@ -1,0 +1,254 @@
+#include "server/engine/ingest.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "server/spatial/listener.h"
+
+namespace rustle::engine {
+namespace {
+
+using synthesis::kQuantum;
+using synthesis::SampleTime;
+
+constexpr double kDefaultDistance_m = 1.0;
+constexpr double kDefaultElevation_rad = 30.0 * 3.14159265358979323846 / 180.0;
+
+synthesis::PlanOptions plan_options(const Options& options) {
+  synthesis::PlanOptions out;
+  out.seed = options.seed;
+  out.mode = options.mode == Mode::kPublished ? synthesis::Mode::kPublished : synthesis::Mode::kCorrected;
+  out.rate_hz = static_cast<std::uint32_t>(options.rate_hz);
+  out.origin_s = 0;
+  return out;
+}
+
+sheet::Vec3d centroid_of(const sheet::MeshFrame& frame) {
+  sheet::Vec3d sum = sheet::Vec3d::Zero();
+  for (const auto& p : frame.positions_m) sum += p.cast<double>();
+  return frame.positions_m.empty() ? sum : sheet::Vec3d(sum / static_cast<double>(frame.positions_m.size()));
+}
+
+/// Every time of an observation moved by `by_s`.
+void shift_times(observation::Observation& observed, double by_s) {
+  observed.time_s += by_s;
+  observed.previous_time_s += by_s;
+  for (auto& event : observed.crumpling) {
+    event.time_s += by_s;
+    event.confirmed_s += by_s;
+  }
+}
+
+}  // namespace
+
+struct Ingest::SheetState {
+  SheetState(const SheetDescription& described, int place) : description(described), index(place), analyzer(described.id, analysis::Parameters{}) {}
+
+  SheetDescription description;
+  int index;
+  std::string material;
+  analysis::SheetAnalyzer analyzer;
+  std::optional<sheet::MeshFrame> newest, previous;
+  std::vector<sheet::SentTearTip> tips;  ///< sent between frames: judged with the next one
+  bool quiet = true;                     ///< no contact of it sounds
+};
+
+Ingest::Ingest(Options options, std::shared_ptr<pack::PackLibrary> packs)
+    : options_(std::move(options)),
+      packs_(std::move(packs)),
+      planner_(plan_options(options_)),
+      origin_s_(options_.time_origin_s),
+      advanced_s_(-std::numeric_limits<double>::infinity()),
+      newest_s_(options_.time_origin_s) {}
+
+Ingest::~Ingest() = default;
+
+SampleTime Ingest::sample_of(double time_s) const {
+  return static_cast<SampleTime>(std::llround(std::clamp(on_sample_axis(time_s) * options_.rate_hz, -1e17, 1e17)));
+}
+
+void Ingest::place(double time_s, SampleTime sample) {
+  origin_s_ = time_s - static_cast<double>(sample) / options_.rate_hz;
+}
+
+Ingest::Taken Ingest::accept(const StreamItem& item, CueBatch& batch) {
+  auto taken = std::visit([&](const auto& it) { return take(it, batch); }, item);
+  settle_horizon(batch);
+  return taken;
+}
+
+// ------------------------------------------------------------------------------------------------------------- sheets
+
+Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch) {
+  const bool known = sheets_.contains(description.id);
+  if (!known && static_cast<int>(sheets_.size()) >= options_.max_sheets) {
+    return tl::unexpected(Refusal{Refusal::Cause::kTooMany, "sheet",
+                                  fmt::format("The session has {} sheets, as many as it may have.", sheets_.size()),
+                                  "Open another session for more sheets."});
+  }
+  const std::string& said = description.material.empty() ? options_.default_material : description.material;
+  const std::string& material = options_.every_material ? *options_.every_material : said;
+  const std::string& surface = description.touched_surface.empty() ? options_.default_surface : description.touched_surface;
+  const auto rate = static_cast<std::uint32_t>(options_.rate_hz);
+  auto pack = packs_->load(material, surface, rate);
+  if (!pack) {
+    return tl::unexpected(Refusal{Refusal::Cause::kUnknownMaterial, "sheet.material", pack.error().message, pack.error().remedy});
+  }
+  auto& state = sheets_[description.id];
+  if (!known) state = std::make_unique<SheetState>(description, static_cast<int>(sheets_.size()) - 1);
+  state->description = description;
+  state->description.touched_surface = surface;
+  state->material = material;
+
+  synthesis::SheetSetup setup{description.id, state->index, *pack, {}};
+  for (const auto& entry : packs_->entries()) {
+    if (entry.material != material || entry.touched_surface == (*pack)->touched_surface) continue;
+    if (auto other = packs_->load(material, entry.touched_surface, rate)) setup.by_surface[entry.touched_surface] = *other;
+  }
+  planner_.add_sheet(setup, earliest_, batch.cues);
+  return std::nullopt;
+}
+
+Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
+  const auto found = sheets_.find(sent.sheet);
+  if (found == sheets_.end()) {
+    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "frame.sheet_id", fmt::format("Sheet {} was not accepted.", sent.sheet),
+                                  "Describe the sheet with a material that a sound pack has."});
+  }
+  SheetState& state = *found->second;
+  sheet::MeshFrame frame = sent;
+  if (frame.tear_tips.empty()) frame.tear_tips = std::exchange(state.tips, {});
+  if (state.newest && frame.time_s <= state.newest->time_s) {
+    return tl::unexpected(Refusal{Refusal::Cause::kTimeOrder, "frame.time_s",
+                                  fmt::format("Sheet {} has been at {} s already; {} s is not later.", frame.sheet, state.newest->time_s, frame.time_s),
+                                  "Send each sheet's frames in order of time."});
+  }
+  sheets_centre_m_ = centroid_of(frame);
+  if (!listener_) {
+    place_default_listener(frame, batch);
+  } else if (!listener_->forward) {
+    plan_listener(*listener_, frame.time_s, batch);
+  }
+  plan_planes(frame.time_s, batch);
+
+  std::vector<analysis::NeighbourSheet> others;
+  for (const auto& [id, other] : sheets_) {
+    if (id == frame.sheet || !other->newest) continue;
+    const bool comparable = other->previous && other->previous->topology == other->newest->topology;
+    others.push_back({id, &*other->newest, comparable ? &*other->previous : nullptr, other->material});
+  }
+  const analysis::SheetSurroundings surroundings{&scene_, others, state.description.touched_surface, state.material};
+  auto observed = state.analyzer.analyze(frame, surroundings, next_event_id_);
+  state.quiet = observed.friction.empty() && observed.tears.empty();
+
+  shift_times(observed, -origin_s_);
+  planner_.plan(observed, earliest_, batch.cues);
+  shift_times(observed, origin_s_);
+
+  state.previous = std::move(state.newest);
+  state.newest = std::move(frame);
+  newest_s_ = std::max(newest_s_, state.newest->time_s);
+  return observed;
+}
+
+Ingest::Taken Ingest::take(const TearTips& tips, CueBatch&) {
+  const auto found = sheets_.find(tips.sheet);
+  if (found == sheets_.end()) {
+    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "tear_tips.sheet_id", fmt::format("Sheet {} was not accepted.", tips.sheet),
+                                  "Describe the sheet before its tear tips."});
+  }
+  found->second->tips = tips.tips;
+  return std::nullopt;
+}
+
+// -------------------------------------------------------------------------------------------------------------- scene
+
+Ingest::Taken Ingest::take(const scene::SceneUpdate& update, CueBatch& batch) {
+  if (auto applied = scene_.apply(update); !applied) {
+    return tl::unexpected(Refusal{Refusal::Cause::kScene, "scene", applied.error(), {}});
+  }
+  planes_known_ = false;
+  plan_planes(update.time_s, batch);
+  return std::nullopt;
+}
+
+void Ingest::plan_planes(double time_s, CueBatch& batch) {
+  std::vector<synthesis::IdentifiedPlane> planes;
+  for (const auto& plane : scene_.reflecting_planes(time_s)) {
+    planes.push_back({plane.id, {plane.point_m, plane.normal, plane.reflection_coefficient}});
+  }
+  if (planes.empty() && planes_known_) return;
+  planes_known_ = true;
+  planner_.planes(planes, on_sample_axis(time_s), earliest_, batch.cues);
+}
+
+Ingest::Taken Ingest::take(const scene::Listener& listener, CueBatch& batch) {
+  listener_ = listener;
+  plan_listener(listener, listener.time_s, batch);
+  return std::nullopt;
+}
+
+void Ingest::place_default_listener(const sheet::MeshFrame& frame, CueBatch& batch) {
+  const sheet::Vec3d away(0, -std::cos(kDefaultElevation_rad), std::sin(kDefaultElevation_rad));
+  scene::Listener listener;
+  listener.time_s = frame.time_s;
+  listener.position_m = sheets_centre_m_ + kDefaultDistance_m * away;
+  listener.forward = -away;
+  listener_ = listener;
+  plan_listener(listener, frame.time_s, batch);
+}
+
+void Ingest::plan_listener(const scene::Listener& listener, double time_s, CueBatch& batch) {
+  sheet::Vec3d forward = listener.forward.value_or(sheets_centre_m_ - listener.position_m);
+  if (forward.norm() < 1e-9) forward = sheet::Vec3d::UnitY();
+  planner_.listener({listener.position_m, sheet::Vec3d(forward.normalized()), listener.up}, on_sample_axis(time_s), earliest_, batch.cues);
+}
+
+// --------------------------------------------------------------------------------------------------------------- time
+
+Ingest::Taken Ingest::take(const Advance& advance, CueBatch&) {
+  advanced_s_ = std::max(advanced_s_, advance.time_s);
+  return std::nullopt;
+}
+
+Ingest::Taken Ingest::take(const End& end, CueBatch& batch) {
+  ended_ = true;
+  advanced_s_ = std::max({advanced_s_, newest_s_, end.time_s.value_or(newest_s_)});
+  for (const auto& [id, state] : sheets_) planner_.end_sheet(id, std::max(earliest_, sample_of(newest_s_)), batch.cues);
+  planner_.release(std::numeric_limits<SampleTime>::max(), batch.cues);
+  batch.end = true;
+  return std::nullopt;
+}
+
+void Ingest::fall_quiet(CueBatch& batch) {
+  for (const auto& [id, state] : sheets_) {
+    if (state->quiet) continue;
+    planner_.end_sheet(id, earliest_, batch.cues);
+    state->quiet = true;
+  }
+  settle_horizon(batch);
+}
+
+void Ingest::settle_horizon(CueBatch& batch) {
+  if (live_) {
+    planner_.release(std::numeric_limits<SampleTime>::max(), batch.cues);
+    return;
+  }
+  double complete_s = std::numeric_limits<double>::infinity();
+  for (const auto& [id, state] : sheets_) {
+    complete_s = std::min(complete_s, state->newest ? state->newest->time_s - options_.look_ahead_s : -std::numeric_limits<double>::infinity());
+  }
+  if (sheets_.empty()) complete_s = -std::numeric_limits<double>::infinity();
+  complete_s = std::max(complete_s, advanced_s_);
+  const SampleTime reached = std::isfinite(complete_s) ? sample_of(complete_s) / kQuantum * kQuantum : 0;
+  horizon_ = std::max(horizon_, reached);
+  earliest_ = horizon_;
+  planner_.release(horizon_, batch.cues);
+  batch.horizon = horizon_;
+}
+
+}  // namespace rustle::engine

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "server/analysis/sheet_analyzer.h"
+#include "server/engine/cue_batch.h"
+#include "server/engine/options.h"
+#include "server/engine/stream_item.h"
+#include "server/scene/scene_state.h"
+#include "server/synthesis/planner.h"
+#include "sound_db/pack/library.h"
+
+namespace rustle::engine {
+
+/// Why an item was not taken. The session goes on without it.
+struct Refusal {
+  enum class Cause { kUnknownSheet, kUnknownMaterial, kTimeOrder, kTooMany, kScene };
+  Cause cause;
+  std::string field, message, remedy;
+};
+
+/// The first half of the engine: stream items in, batches of cues out, observations on the way.
+///
+///   item ─► scene, listener ─────────────────────────┐
+///        └► frame ─► sheet analyzer ─► observation ─► planner ─► cue batch
+///
+/// Owns no thread, socket, file or clock. [analysis worker]
+class Ingest {
+ public:
+  Ingest(Options options, std::shared_ptr<pack::PackLibrary> packs);
+  ~Ingest();
+
+  /// Takes the next item, appends its cues to `batch` and sets the batch's horizon. The observation is of a mesh frame.
+  [[nodiscard]] tl::expected<std::optional<observation::Observation>, Refusal> accept(const StreamItem& item, CueBatch& batch);
+
+  // ---- live sessions, whose sample axis follows the audio clock
+
+  /// From now on simulation time `time_s` lies at `sample`.
+  void place(double time_s, synthesis::SampleTime sample);
+  /// Everything before `sample` has been rendered: what is planned from now on starts there or later.
+  void set_rendered(synthesis::SampleTime sample) { earliest_ = sample; live_ = true; }
+  /// Frames have stopped coming: contacts end instead of sounding on.
+  void fall_quiet(CueBatch& batch);
+
+  synthesis::SampleTime sample_of(double time_s) const;
+
+ private:
+  struct SheetState;
+  using Taken = tl::expected<std::optional<observation::Observation>, Refusal>;
+
+  Taken take(const SheetDescription& description, CueBatch& batch);
+  Taken take(const sheet::MeshFrame& frame, CueBatch& batch);
+  Taken take(const scene::SceneUpdate& update, CueBatch& batch);
+  Taken take(const scene::Listener& listener, CueBatch& batch);
+  Taken take(const TearTips& tips, CueBatch& batch);
+  Taken take(const Advance& advance, CueBatch& batch);
+  Taken take(const End& end, CueBatch& batch);
+
+  /// 1 m from the sheet's centroid, 30 degrees above the horizontal, on the -y side.
+  void place_default_listener(const sheet::MeshFrame& frame, CueBatch& batch);
+  void plan_listener(const scene::Listener& listener, double time_s, CueBatch& batch);
+  /// Obstacles as they are when a frame is taken: planes that move are followed frame by frame.
+  void plan_planes(double time_s, CueBatch& batch);
+  /// Seconds since sample 0.
+  double on_sample_axis(double time_s) const { return time_s - origin_s_; }
+  /// The promise: sound before this sample is complete once the batch has been applied.
+  void settle_horizon(CueBatch& batch);
+
+  const Options options_;
+  const std::shared_ptr<pack::PackLibrary> packs_;
+  scene::SceneState scene_;
+  synthesis::Planner planner_;
+  std::map<sheet::SheetId, std::unique_ptr<SheetState>> sheets_;
+  std::optional<scene::Listener> listener_;
+  bool planes_known_ = false;
+  sheet::Vec3d sheets_centre_m_ = sheet::Vec3d::Zero();  ///< of the newest frame: where a listener without forward looks
+  double origin_s_;                                      ///< simulation time of sample 0
+  double advanced_s_;                                    ///< as far as an Advance said
+  synthesis::SampleTime horizon_ = 0;
+  synthesis::SampleTime earliest_ = 0;
+  bool live_ = false;
+  bool ended_ = false;
+  double newest_s_;
+  std::uint64_t next_event_id_ = 1;
+};
+
+}  // namespace rustle::engine

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+namespace rustle::engine {
+
+enum class Mode { kCorrected, kPublished };
+enum class Layout { kMono = 1, kStereo = 2 };
+
+constexpr int channels_of(Layout layout) { return static_cast<int>(layout); }
+
+/// What a session's sound depends on besides its stream.
+struct Options {
+  std::uint64_t seed = 0;
+  Mode mode = Mode::kCorrected;
+  Layout layout = Layout::kStereo;
+  int rate_hz = 48000;
+  double time_origin_s = 0;      ///< simulation time of sample 0
+  /// How far rendering stays behind the newest frame: an event is dated before the frame that confirms it, and what
+  /// joins it follows within 50 ms (P2), so a sound can still start at its own sample and at its full level.
+  double look_ahead_s = 0.05;
+  double gain_db = 0;
+  std::string default_material = "printer-paper";
+  std::string default_surface = "wooden-table";
+  std::optional<std::string> every_material;  ///< plays every sheet with this material, whatever it says
+  int max_sheets = 16;
+  bool stems = false;            ///< keep every bus beside the mix
+};
+
+}  // namespace rustle::engine

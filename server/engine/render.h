@@ -1,0 +1,60 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "server/engine/audio_quantum.h"
+#include "server/engine/cue_batch.h"
+#include "server/engine/options.h"
+#include "server/synthesis/limiter.h"
+#include "server/synthesis/mixer.h"
+
+namespace rustle::engine {
+
+/// The second half of the engine: batches of cues in, quanta of sound out.
+///
+///   cues ─► mixer ─► buses ─┬─► stems
+///                           └─► sum ─► gain ─► limiter ─► mix
+///
+/// Owns no thread, socket, file or clock; allocates when made and nowhere else.
+class Render {
+ public:
+  explicit Render(const Options& options);
+
+  /// A quantum of the right shape. [control]
+  AudioQuantum make_quantum() const;
+
+  /// Takes a batch: its cues, then its horizon. [render worker]
+  void accept(const CueBatch& batch) noexcept RUSTLE_NONBLOCKING;
+
+  /// The next quantum, [position(), position() + kQuantum). [render worker]
+  void next(AudioQuantum& out) noexcept RUSTLE_NONBLOCKING;
+
+  synthesis::SampleTime position() const noexcept { return position_; }
+  /// Sound before this sample is settled.
+  synthesis::SampleTime horizon() const noexcept { return horizon_; }
+  /// The stream has ended; tails may go on.
+  bool ending() const noexcept { return ending_; }
+  /// The stream has ended and its tails have died away.
+  bool complete() const noexcept;
+
+  synthesis::RenderCounters counters() const noexcept { return mixer_.counters(); }
+  std::uint64_t limited_samples() const noexcept { return limiter_.limited(); }
+
+ private:
+  static constexpr double kLongestTail_s = 10;
+
+  const Options options_;
+  const int channels_;
+  const float gain_;
+  synthesis::Mixer mixer_;
+  synthesis::Limiter limiter_;
+  std::vector<float> buses_;  ///< [bus][channel][kQuantum]
+  std::vector<float> sum_;    ///< [channel][kQuantum]
+  synthesis::SampleTime position_ = 0;
+  synthesis::SampleTime horizon_ = 0;
+  synthesis::SampleTime end_ = 0;
+  bool ending_ = false;
+};
+
+}  // namespace rustle::engine

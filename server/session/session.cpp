@@ -1,0 +1,236 @@
+#include "server/session/session.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "server/session/settled_options.h"
+
+namespace rustle::session {
+namespace {
+
+using synthesis::kQuantum;
+
+constexpr double kAudioRing_s = 2.0;
+constexpr std::chrono::milliseconds kQuietAfter{200};
+constexpr double kStep_s = 0.5;  // a frame that far from its place on the sample axis starts a new mapping
+
+}  // namespace
+
+Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::PackLibrary> packs, const WallClock& clock)
+    : id_(std::move(id)),
+      options_(settled(std::move(options))),
+      clock_(clock),
+      started_(clock.now()),
+      ingest_(engine_options(options_), std::move(packs)),
+      origin_s_(options_.time_origin_s),
+      render_(engine_options(options_)),
+      quantum_(render_.make_quantum()),
+      audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) * static_cast<std::size_t>(channel_count(options_.channels))) {}
+
+bool Session::offer(engine::StreamItem item, std::uint64_t sequence) {
+  const bool is_frame = std::holds_alternative<sheet::MeshFrame>(item);
+  const bool is_end = std::holds_alternative<engine::End>(item);
+  std::lock_guard lock(inbox_mutex_);
+  ++counters_.items_received;
+  if (is_frame) ++counters_.frames_received;
+  if (ended_) {
+    if (is_frame) ++counters_.frames_dropped["ended"];
+    return false;
+  }
+  if (inbox_.size() >= kInboxLimit) {
+    if (is_frame) ++counters_.frames_dropped["inbox"];
+    return false;
+  }
+  ended_ = is_end;
+  if (is_frame) {
+    last_frame_ns_.store(clock_.now().count(), std::memory_order_relaxed);
+    if (live()) {
+      const auto frame = [](const Waiting& w) { return std::holds_alternative<sheet::MeshFrame>(w.item); };
+      if (static_cast<std::size_t>(std::count_if(inbox_.begin(), inbox_.end(), frame)) >= kBacklogBudget) {
+        inbox_.erase(std::find_if(inbox_.begin(), inbox_.end(), frame));
+        ++counters_.frames_dropped["backlog"];
+      }
+    }
+  }
+  inbox_.push_back({std::move(item), sequence});
+  return true;
+}
+
+void Session::count_drop(const std::string& cause) {
+  std::lock_guard lock(inbox_mutex_);
+  ++counters_.frames_received;
+  ++counters_.frames_dropped[cause];
+}
+
+void Session::end() { static_cast<void>(offer(engine::End{}, 0)); }
+
+std::vector<Outcome> Session::take_outcomes() {
+  std::lock_guard lock(outcomes_mutex_);
+  return std::exchange(outcomes_, {});
+}
+
+bool Session::take_audio(std::size_t samples, AudioBlock& block) {
+  if (finished_) return false;
+  const bool complete = complete_.load(std::memory_order_acquire);
+  const auto channels = static_cast<std::size_t>(channel_count(options_.channels));
+  const std::size_t available = audio_.available() / channels;
+  if (available < samples && !complete) return false;
+  const std::size_t taken = std::min(available, samples);
+  block.first_sample = taken_;
+  block.channels = static_cast<int>(channels);
+  block.interleaved.resize(taken * channels);
+  audio_.pop(block.interleaved);
+  taken_ += static_cast<std::int64_t>(taken);
+  block.last = complete && available == taken;
+  finished_ = block.last;
+  return true;
+}
+
+double Session::time_of(std::int64_t sample) const { return origin_s_.load() + static_cast<double>(sample) / options_.rate_hz; }
+
+Counters Session::counters() const {
+  std::lock_guard lock(inbox_mutex_);
+  return counters_;
+}
+
+// ---------------------------------------------------------------------------------------------------- analysis worker
+
+bool Session::analyse() {
+  std::unique_ptr<engine::CueBatch> retired;
+  while (retired_.pop(retired)) retired.reset();
+  if (held_) hand_over(std::move(held_));
+  if (held_) return false;
+
+  Waiting next{engine::End{}, 0};
+  bool waiting = false;
+  {
+    std::lock_guard lock(inbox_mutex_);
+    if (!inbox_.empty()) {
+      next = std::move(inbox_.front());
+      inbox_.pop_front();
+      waiting = true;
+    }
+  }
+  auto batch = std::make_unique<engine::CueBatch>();
+  const std::int64_t rendered = rendered_.load(std::memory_order_acquire);
+  if (live()) ingest_.set_rendered(rendered + kQuantum);
+  if (!waiting) {
+    if (live() && quiet_.exchange(false)) {
+      ingest_.fall_quiet(*batch);
+      hand_over(std::move(batch));
+    }
+    return false;
+  }
+
+  const auto* frame = std::get_if<sheet::MeshFrame>(&next.item);
+  if (live() && frame != nullptr) {
+    const std::int64_t due = rendered + static_cast<std::int64_t>(*options_.playout_delay_s * options_.rate_hz);
+    const auto off = static_cast<double>(ingest_.sample_of(frame->time_s) - due);
+    if (!placed_ || std::abs(off) > kStep_s * options_.rate_hz) {
+      ingest_.place(frame->time_s, due);
+      origin_s_.store(frame->time_s - static_cast<double>(due) / options_.rate_hz);
+    }
+    placed_ = true;
+  }
+  auto observed = ingest_.accept(next.item, *batch);
+  hand_over(std::move(batch));
+
+  std::optional<observation::Observation> seen;
+  {
+    std::lock_guard lock(inbox_mutex_);
+    if (!observed) {
+      ++counters_.items_refused;
+      if (frame != nullptr) ++counters_.frames_dropped["refused"];
+    } else if (frame != nullptr) {
+      ++counters_.frames_analysed;
+      counters_.newest_time_s = frame->time_s;
+      seen = std::move(*observed);
+      if (seen) {
+        counters_.crumpling_events += seen->crumpling.size();
+        counters_.tear_events += seen->tears.size();
+        const std::uint64_t known = newest_episode_;
+        for (const auto& contact : seen->friction) {
+          if (contact.id > known) ++counters_.friction_episodes;
+          newest_episode_ = std::max(newest_episode_, contact.id);
+        }
+      }
+    }
+  }
+  std::lock_guard lock(outcomes_mutex_);
+  if (!observed) outcomes_.emplace_back(Refused{std::move(observed.error()), next.sequence});
+  if (seen && !(seen->crumpling.empty() && seen->friction.empty() && seen->tears.empty())) outcomes_.emplace_back(std::move(*seen));
+  if (next.sequence != 0) outcomes_.emplace_back(Analysed{next.sequence});
+  return true;
+}
+
+void Session::hand_over(std::unique_ptr<engine::CueBatch> batch) {
+  const bool taken = batches_.push(std::move(batch));
+  if (!taken) held_ = std::move(batch);
+  held_back_.store(!taken, std::memory_order_release);
+}
+
+bool Session::wants_analysis() const {
+  if (quiet_.load()) return true;
+  std::lock_guard lock(inbox_mutex_);
+  return !inbox_.empty() && !held_back_.load(std::memory_order_acquire);
+}
+
+// ------------------------------------------------------------------------------------------------------ render worker
+
+std::int64_t Session::live_target() const {
+  const std::chrono::duration<double> running = clock_.now() - started_;
+  return static_cast<std::int64_t>(running.count() * options_.rate_hz);
+}
+
+Session::RenderOutcome Session::render() {
+  RenderOutcome outcome;
+  if (complete_.load(std::memory_order_relaxed)) return outcome;
+  if (live()) {
+    while (take_batch()) {
+    }
+    render_quanta_until(live_target(), outcome);
+    const auto silence = clock_.now() - WallClock::Duration(last_frame_ns_.load(std::memory_order_relaxed));
+    if (last_frame_ns_.load(std::memory_order_relaxed) != 0 && silence > kQuietAfter) {
+      last_frame_ns_.store(0, std::memory_order_relaxed);
+      quiet_.store(true);
+      outcome.wants_analysis = true;
+    }
+    const std::int64_t next_block = (render_.position() / options_.block_size + 1) * options_.block_size;
+    outcome.next_due = started_ + std::chrono::duration_cast<WallClock::Duration>(
+                                      std::chrono::duration<double>(static_cast<double>(next_block) / options_.rate_hz));
+  } else {
+    do {
+      render_quanta_until(render_.horizon(), outcome);
+    } while (render_.position() + kQuantum > render_.horizon() && take_batch());
+    // What is left over waits for room on the listener's side.
+    if (render_.position() + kQuantum <= render_.horizon()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
+  }
+  outcome.wants_analysis |= held_back_.load(std::memory_order_acquire);
+  if (render_.ending() && !render_.complete()) {
+    render_quanta_until(render_.position() + options_.rate_hz, outcome);
+    if (!render_.complete() && !live()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
+  }
+  if (render_.complete()) complete_.store(true, std::memory_order_release);
+  rendered_.store(render_.position(), std::memory_order_release);
+  return outcome;
+}
+
+bool Session::take_batch() {
+  std::unique_ptr<engine::CueBatch> batch;
+  if (!batches_.pop(batch)) return false;
+  render_.accept(*batch);
+  retired_.push(std::move(batch));
+  return true;
+}
+
+void Session::render_quanta_until(std::int64_t target, RenderOutcome& outcome) {
+  const auto room = static_cast<std::size_t>(kQuantum * channel_count(options_.channels));
+  while (render_.position() + kQuantum <= target && !render_.complete() && audio_.room() >= room) {
+    render_.next(quantum_);
+    audio_.push(quantum_.mix);
+    outcome.produced = true;
+  }
+}
+
+}  // namespace rustle::session

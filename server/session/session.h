@@ -1,0 +1,155 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "server/engine/ingest.h"
+#include "server/engine/render.h"
+#include "server/session/clock.h"
+#include "server/session/session_options.h"
+#include "server/session/spsc_ring.h"
+#include "sound_db/pack/library.h"
+
+namespace rustle::session {
+
+/// Counters of a session. frames_received = frames_analysed + Σ frames_dropped + frames still waiting, always.
+struct Counters {
+  std::uint64_t items_received = 0;
+  std::uint64_t frames_received = 0;
+  std::uint64_t frames_analysed = 0;
+  std::map<std::string, std::uint64_t> frames_dropped;  ///< by cause
+  std::uint64_t items_refused = 0;
+  std::uint64_t crumpling_events = 0;
+  std::uint64_t friction_episodes = 0;
+  std::uint64_t tear_events = 0;
+  double newest_time_s = 0;
+};
+
+/// What analysis tells the network thread.
+struct Refused {
+  engine::Refusal why;
+  std::uint64_t sequence;
+};
+struct Analysed {  ///< everything up to this sequence has been taken from the inbox
+  std::uint64_t sequence;
+};
+using Outcome = std::variant<observation::Observation, Refused, Analysed>;
+
+/// A stretch of finished sound.
+struct AudioBlock {
+  std::int64_t first_sample = 0;
+  int channels = 0;
+  std::vector<float> interleaved;
+  bool last = false;  ///< the stream ends with it
+};
+
+/// One simulator's stream on its way to sound. Three threads meet here; each method says whose it is.
+///
+///   network ── inbox ──► analysis ── cue batches ──► render ── samples ──► network
+///      ▲                    │  outcomes                 (retired batches go back to analysis)
+///      └────────────────────┘
+class Session {
+ public:
+  Session(std::string id, SessionOptions options, std::shared_ptr<pack::PackLibrary> packs, const WallClock& clock);
+
+  const std::string& id() const { return id_; }
+  const SessionOptions& options() const { return options_; }  ///< as in force: nothing left at 0
+
+  // ---- [network thread]
+
+  /// Takes an item. In a live session frames beyond the backlog budget push out the oldest waiting one.
+  /// Error: the inbox is full because the sender ignores its credit.
+  [[nodiscard]] bool offer(engine::StreamItem item, std::uint64_t sequence);
+  /// Counts a frame that was refused before it became an item.
+  void count_drop(const std::string& cause);
+  /// Ends the stream as an End item would, once.
+  void end();
+  std::vector<Outcome> take_outcomes();
+  /// Moves finished sound into `block`, as many whole blocks of `samples` as asked; the last may be shorter.
+  /// False: not enough yet.
+  bool take_audio(std::size_t samples, AudioBlock& block);
+  /// The whole stream was taken.
+  bool finished() const { return finished_; }
+  Counters counters() const;
+  /// Simulation time of a sample; in a live session by the mapping in force.
+  double time_of(std::int64_t sample) const;
+  std::int64_t samples_rendered() const { return rendered_.load(std::memory_order_acquire); }
+
+  // ---- [analysis worker], one at a time
+
+  /// Takes one item from the inbox. False: there was none, or the render side has no room for its cues yet.
+  bool analyse();
+  /// analyse() would do something. [any thread]
+  bool wants_analysis() const;
+
+  // ---- [render worker], one at a time
+
+  struct RenderOutcome {
+    bool produced = false;
+    bool wants_analysis = false;  ///< analysis has room again, or the sender went quiet and its contacts must end
+    std::optional<WallClock::Duration> next_due;  ///< when there will be something to do; absent: when a batch comes
+  };
+  RenderOutcome render();
+
+  /// Used by the scheduler so that one worker at a time holds the session's analysis.
+  std::atomic<bool> analysis_scheduled{false};
+
+ private:
+  static constexpr std::size_t kInboxLimit = 4096;
+  static constexpr std::size_t kBacklogBudget = 3;
+
+  struct Waiting {
+    engine::StreamItem item;
+    std::uint64_t sequence;
+  };
+
+  bool live() const { return options_.clock == Clock::kLive; }
+  std::int64_t live_target() const;
+  void hand_over(std::unique_ptr<engine::CueBatch> batch);  // analysis worker
+  bool take_batch();                                        // render worker
+  void render_quanta_until(std::int64_t target, RenderOutcome& outcome);
+
+  const std::string id_;
+  const SessionOptions options_;
+  const WallClock& clock_;
+  const WallClock::Duration started_;
+
+  mutable std::mutex inbox_mutex_;
+  std::deque<Waiting> inbox_;
+  Counters counters_;
+  bool ended_ = false;
+
+  std::mutex outcomes_mutex_;
+  std::vector<Outcome> outcomes_;
+
+  engine::Ingest ingest_;    // analysis worker
+  std::atomic<double> origin_s_;  // simulation time of sample 0
+  std::uint64_t newest_episode_ = 0;
+  bool placed_ = false;      // live: the first frame has fixed where simulation time lies on the sample axis
+  std::atomic<std::int64_t> last_frame_ns_{0};
+  std::atomic<bool> quiet_{false};
+
+  SpscRing<std::unique_ptr<engine::CueBatch>> batches_{1024};
+  SpscRing<std::unique_ptr<engine::CueBatch>> retired_{2048};
+  std::unique_ptr<engine::CueBatch> held_;  // analysis worker: found the ring full
+  std::atomic<bool> held_back_{false};
+
+  engine::Render render_;    // render worker
+  engine::AudioQuantum quantum_;
+  std::atomic<std::int64_t> rendered_{0};
+  std::atomic<bool> complete_{false};
+
+  SampleRing audio_;         // render worker → network thread
+  std::int64_t taken_ = 0;   // network thread
+  bool finished_ = false;
+};
+
+}  // namespace rustle::session

@@ -1,0 +1,35 @@
+#include "server/session/settled_options.h"
+
+namespace rustle::session {
+namespace {
+
+constexpr std::uint32_t kDefaultRate = 48000;
+constexpr std::uint32_t kDefaultBlock = 128;
+constexpr double kLivePlayoutDelay_s = 0.040;
+constexpr double kSimulationLookAhead_s = 0.050;
+
+}  // namespace
+
+SessionOptions settled(SessionOptions options) {
+  if (options.rate_hz == 0) options.rate_hz = kDefaultRate;
+  if (options.block_size == 0) options.block_size = kDefaultBlock;
+  if (options.default_material.empty()) options.default_material = "printer-paper";
+  if (!options.playout_delay_s) {
+    options.playout_delay_s = options.clock == Clock::kLive ? kLivePlayoutDelay_s : kSimulationLookAhead_s;
+  }
+  return options;
+}
+
+engine::Options engine_options(const SessionOptions& options) {
+  engine::Options out;
+  out.seed = options.seed;
+  out.mode = options.mode == SynthesisMode::kPublished ? engine::Mode::kPublished : engine::Mode::kCorrected;
+  out.layout = options.channels == ChannelLayout::kMono ? engine::Layout::kMono : engine::Layout::kStereo;
+  out.rate_hz = static_cast<int>(options.rate_hz);
+  out.time_origin_s = options.time_origin_s;
+  out.look_ahead_s = *options.playout_delay_s;
+  out.default_material = options.default_material;
+  return out;
+}
+
+}  // namespace rustle::session

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <atomic>
+#include <cassert>
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace rustle::session {
+
+/// A ring between one producer and one consumer thread. Lock-free, allocates only when made.
+template <typename T>
+class SpscRing {
+ public:
+  /// Holds `capacity` entries.
+  explicit SpscRing(std::size_t capacity) : slots_(capacity + 1) {}
+
+  /// [producer] False: full, nothing was taken.
+  bool push(T&& value) noexcept {
+    const std::size_t tail = tail_.load(std::memory_order_relaxed);
+    const std::size_t next = (tail + 1) % slots_.size();
+    if (next == head_.load(std::memory_order_acquire)) return false;
+    slots_[tail] = std::move(value);
+    tail_.store(next, std::memory_order_release);
+    return true;
+  }
+
+  /// [consumer] False: empty.
+  bool pop(T& value) noexcept {
+    const std::size_t head = head_.load(std::memory_order_relaxed);
+    if (head == tail_.load(std::memory_order_acquire)) return false;
+    value = std::move(slots_[head]);
+    head_.store((head + 1) % slots_.size(), std::memory_order_release);
+    return true;
+  }
+
+ private:
+  std::vector<T> slots_;
+  alignas(64) std::atomic<std::size_t> head_{0};
+  alignas(64) std::atomic<std::size_t> tail_{0};
+};
+
+/// The same for interleaved samples, moved in runs.
+class SampleRing {
+ public:
+  explicit SampleRing(std::size_t capacity) : samples_(capacity + 1) {}
+
+  /// [producer] Room for that many more.
+  std::size_t room() const noexcept {
+    const std::size_t used = distance(head_.load(std::memory_order_acquire), tail_.load(std::memory_order_relaxed));
+    return samples_.size() - 1 - used;
+  }
+
+  /// [producer] \pre values.size() <= room()
+  void push(std::span<const float> values) noexcept {
+    assert(values.size() <= room());
+    std::size_t tail = tail_.load(std::memory_order_relaxed);
+    for (const float value : values) {
+      samples_[tail] = value;
+      tail = tail + 1 == samples_.size() ? 0 : tail + 1;
+    }
+    tail_.store(tail, std::memory_order_release);
+  }
+
+  /// [consumer] How many are there.
+  std::size_t available() const noexcept {
+    return distance(head_.load(std::memory_order_relaxed), tail_.load(std::memory_order_acquire));
+  }
+
+  /// [consumer] \pre values.size() <= available()
+  void pop(std::span<float> values) noexcept {
+    assert(values.size() <= available());
+    std::size_t head = head_.load(std::memory_order_relaxed);
+    for (float& value : values) {
+      value = samples_[head];
+      head = head + 1 == samples_.size() ? 0 : head + 1;
+    }
+    head_.store(head, std::memory_order_release);
+  }
+
+ private:
+  std::size_t distance(std::size_t from, std::size_t to) const noexcept {
+    return to >= from ? to - from : samples_.size() - from + to;
+  }
+
+  std::vector<float> samples_;
+  alignas(64) std::atomic<std::size_t> head_{0};
+  alignas(64) std::atomic<std::size_t> tail_{0};
+};
+
+}  // namespace rustle::session

@@ -1,0 +1,15 @@
+#include "server/spatial/listener.h"
+
+namespace rustle::spatial {
+
+Vec3 right_axis(const Listener& listener) noexcept {
+  const Vec3 right = cross(listener.forward, listener.up);
+  const double length = norm(right);
+  if (length > 1e-6 && std::isfinite(length)) return (1.0 / length) * right;
+  const Vec3& f = listener.forward;
+  const Vec3 helper = std::abs(f.z) < 0.9 ? Vec3{0, 0, 1} : Vec3{0, 1, 0};
+  const double sign = dot(f, listener.up) < 0 ? -1.0 : 1.0;
+  return sign * normalized(cross(f, helper), {1, 0, 0});
+}
+
+}  // namespace rustle::spatial

@@ -1,0 +1,117 @@
+#include "server/synthesis/friction.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "server/synthesis/resonator_level.h"
+#include "sound_db/dsp/random.h"
+#include "sound_db/pack/query.h"
+
+namespace rustle::synthesis {
+namespace {
+
+using observation::FrictionContact;
+using observation::Resonator;
+
+constexpr float kInaudible = 1e-5F;
+
+class FrictionPlan final : public PlanModel {
+ public:
+  explicit FrictionPlan(const PlanOptions& options) : options_(options) {}
+
+  void plan(const SheetPlan& sheet, const observation::Observation& observation, SampleTime earliest,
+            std::vector<Cue>& out) override {
+    const SampleTime start = std::max(to_sample(options_, observation.previous_time_s), earliest);
+    const SampleTime end = std::max(to_sample(options_, observation.time_s), start + samples(kLeastRamp_s));
+    Sources& sources = sources_[sheet.id];
+    Sources alive;
+    for (const FrictionContact& contact : observation.friction)
+      plan_contact(sheet, contact, start, end, sources, alive, out);
+    for (auto& [source, cue] : sources) fade(cue, start, end, out);
+    sources = std::move(alive);
+  }
+
+  void release(SampleTime, std::vector<Cue>&) override {}
+
+  void end_sheet(const SheetPlan& sheet, SampleTime time, std::vector<Cue>& out) override {
+    const auto found = sources_.find(sheet.id);
+    if (found == sources_.end()) return;
+    for (auto& [source, cue] : found->second) fade(cue, time, time + samples(kFrictionEnd_s), out);
+    sources_.erase(found);
+  }
+
+  void add_counters(PlanCounters& counters) const override { counters.sounds_missing += missing_; }
+
+ private:
+  using Sources = std::map<std::uint64_t, FrictionCue>;  ///< the last cue of each sounding source
+
+  SampleTime samples(double duration_s) const { return std::llround(duration_s * options_.rate_hz); }
+
+  void plan_contact(const SheetPlan& sheet, const FrictionContact& contact, SampleTime start, SampleTime end,
+                    Sources& sounding, Sources& alive, std::vector<Cue>& out) {
+    const Material& material = sheet.on(contact.touched_surface);
+    const auto& section = material.pack().friction;
+    const bool bare = contact.resonators.empty();
+    const std::vector<Resonator> assumed(bare ? 1 : 0, bare_resonator(contact.position_m, contact.area_m2));
+    const std::vector<Resonator>& resonators = bare ? assumed : contact.resonators;
+    for (const Share& share : shares(options_.mode, resonators)) {
+      const Resonator& resonator = resonators[share.index];
+      const pack::GridPoint wanted = resonator.constrained
+                                         ? pack::GridPoint{}
+                                         : pack::GridPoint{resonator.ruling_length_m, resonator.free_border_length_m};
+      const pack::Spectrum* spectrum = section ? pack::nearest_spectrum(*section, wanted) : nullptr;
+      if (!spectrum) {
+        ++missing_;
+        continue;
+      }
+      const double ratio = speed_ratio(contact.speed_m_per_s, *section);
+      FrictionCue cue;
+      cue.start = start;
+      cue.end = end;
+      cue.source = dsp::hash(dsp::hash(options_.seed, sheet.id, contact.id), static_cast<std::uint64_t>(share.index));
+      cue.bus = bus_of(sheet.index, SoundKind::kFriction);
+      cue.speed_ratio = static_cast<float>(ratio);
+      cue.gain = static_cast<float>(share.amplitude * level(ratio, *section, resonator, *spectrum));
+      cue.emission = material.emission(*spectrum);
+      cue.gain_sigma = options_.mode == Mode::kPublished ? 0 : static_cast<float>(section->gain_sigma);
+      cue.gain_cutoff_hz = static_cast<float>(section->gain_cutoff_hz);
+      cue.emitter = emitter_of(options_.mode, resonator);
+      if (sounding.erase(cue.source) == 0 && cue.gain < kInaudible) continue;
+      out.emplace_back(cue);
+      if (cue.gain >= kInaudible) alive[cue.source] = cue;
+    }
+  }
+
+  static double speed_ratio(double speed_m_per_s, const pack::FrictionSection& section) {
+    if (!(speed_m_per_s > 0)) return 0;
+    return std::min(speed_m_per_s / section.reference_speed_m_per_s, kMaxSpeedRatio);
+  }
+
+  double level(double ratio, const pack::FrictionSection& section, const Resonator& resonator,
+               const pack::Spectrum& spectrum) const {
+    const double size = size_factor(options_.mode, resonator.disc_radius_m, spectrum.radius_m);
+    if (options_.mode == Mode::kPublished) return ratio * size;
+    return ratio > 0 ? std::pow(ratio, section.speed_exponent) * size : 0;
+  }
+
+  static void fade(FrictionCue& cue, SampleTime start, SampleTime end, std::vector<Cue>& out) {
+    cue.start = start;
+    cue.end = end;
+    cue.gain = 0;
+    out.emplace_back(cue);
+  }
+
+  PlanOptions options_;
+  std::map<sheet::SheetId, Sources> sources_;
+  std::uint64_t missing_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<PlanModel> make_friction_plan(const PlanOptions& options) {
+  return std::make_unique<FrictionPlan>(options);
+}
+
+}  // namespace rustle::synthesis

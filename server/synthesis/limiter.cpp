@@ -1,0 +1,39 @@
+#include "server/synthesis/limiter.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sound_db/dsp/level.h"
+
+namespace rustle::synthesis {
+namespace {
+
+constexpr float kUnity = 0.99999F;  ///< a gain this near to 1 is 1 again
+
+}  // namespace
+
+Limiter::Limiter(double rate_hz) noexcept : keep_(static_cast<float>(std::exp(-1 / (rate_hz * kLimiterRelease_s)))) {}
+
+void Limiter::process(std::span<float* const> channels, std::size_t samples) noexcept {
+  const auto knee = static_cast<float>(dsp::db_to_gain(kLimiterKnee_db));
+  for (std::size_t n = 0; n < samples; ++n) {
+    float peak = 0;
+    for (float* channel : channels) {
+      float& x = channel[n];
+      if (!std::isfinite(x)) {
+        x = 0;
+        ++not_finite_;
+      }
+      peak = std::max(peak, std::abs(x));
+    }
+    float gain = 1 - (1 - gain_) * keep_;
+    if (gain > kUnity) gain = 1;
+    if (peak > knee) gain = std::min(gain, (knee + (1 - knee) * std::tanh((peak - knee) / (1 - knee))) / peak);
+    gain_ = gain;
+    if (gain == 1) continue;
+    ++limited_;
+    for (float* channel : channels) channel[n] = std::clamp(channel[n] * gain, -1.0F, 1.0F);
+  }
+}
+
+}  // namespace rustle::synthesis

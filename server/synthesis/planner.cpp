@@ -1,0 +1,156 @@
+#include "server/synthesis/planner.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+#include "server/synthesis/model_registry.h"
+#include "sound_db/dsp/level.h"
+
+namespace rustle::synthesis {
+
+SampleTime to_sample(const PlanOptions& options, double time_s) noexcept {
+  constexpr double kMost = 4503599627370496.0;
+  const double samples = (time_s - options.origin_s) * options.rate_hz;
+  return std::isnan(samples) ? 0 : std::llround(std::clamp(samples, -kMost, kMost));
+}
+
+Planner::Planner(const PlanOptions& options) : options_(options) {
+  for (const SoundModel& model : sound_models()) models_.push_back(model.make_plan(options));
+}
+
+Planner::~Planner() = default;
+
+SampleTime Planner::samples(double duration_s) const {
+  return std::llround(duration_s * options_.rate_hz);
+}
+
+const Material* Planner::material(const std::shared_ptr<const pack::SoundPack>& pack) {
+  for (const auto& known : materials_) {
+    if (known->shared() == pack) return known.get();
+  }
+  materials_.push_back(std::make_unique<Material>(pack, options_.rate_hz));
+  return materials_.back().get();
+}
+
+void Planner::add_sheet(const SheetSetup& setup, SampleTime earliest, std::vector<Cue>& out) {
+  SheetPlan sheet;
+  sheet.id = setup.id;
+  sheet.index = setup.index;
+  sheet.material = material(setup.pack);
+  for (const auto& [surface, pack] : setup.by_surface) sheet.by_surface[surface] = material(pack);
+  const bool known = sheets_.contains(setup.id);
+  const SheetPlan& added = sheets_[setup.id] = std::move(sheet);
+  send_gains(added, earliest, known ? earliest + samples(kGainRamp_s) : earliest, out);
+}
+
+void Planner::plan(const observation::Observation& observation, SampleTime earliest, std::vector<Cue>& out) {
+  const auto sheet = sheets_.find(observation.sheet);
+  if (sheet == sheets_.end()) return;
+  for (const auto& model : models_) model->plan(sheet->second, observation, earliest, out);
+}
+
+void Planner::release(SampleTime until, std::vector<Cue>& out) {
+  for (const auto& model : models_) model->release(until, out);
+}
+
+Planner::Motion Planner::motion(double time_s, SampleTime previous, SampleTime earliest) const {
+  const SampleTime time = to_sample(options_, time_s);
+  const SampleTime start = std::max({earliest, previous, time - samples(kMostMotion_s)});
+  return {start, std::max(time, start + samples(kLeastMotion_s))};
+}
+
+void Planner::listener(const spatial::Listener& listener, double time_s, SampleTime earliest, std::vector<Cue>& out) {
+  const bool same = placed_ && listener.position_m == listener_.position_m && listener.forward == listener_.forward &&
+                    listener.up == listener_.up;
+  if (!same) {
+    const Motion way = motion(time_s, listener_time_, earliest);
+    out.emplace_back(ListenerCue{placed_ ? way.start : earliest, way.end, listener});
+  }
+  listener_ = listener;
+  listener_time_ = to_sample(options_, time_s);
+  placed_ = true;
+}
+
+void Planner::planes(std::span<const IdentifiedPlane> planes, double time_s, SampleTime earliest, std::vector<Cue>& out) {
+  const Motion way = motion(time_s, planes_time_, earliest);
+  planes_time_ = to_sample(options_, time_s);
+  std::array<bool, spatial::kMaxPlanes> present{};
+  const auto send = [&](std::size_t slot, const spatial::Plane& plane, bool fresh) {
+    slots_[slot].plane = plane;
+    present[slot] = true;
+    out.emplace_back(PlaneCue{way.start, way.end, static_cast<std::uint16_t>(slot), fresh, plane});
+  };
+  for (const IdentifiedPlane& wanted : planes) {
+    const auto known =
+        std::find_if(slots_.begin(), slots_.end(), [&](const PlaneSlot& s) { return s.used && s.id == wanted.id; });
+    if (known != slots_.end()) {
+      const auto slot = static_cast<std::size_t>(known - slots_.begin());
+      present[slot] = true;
+      const spatial::Plane& now = known->plane;
+      const bool same = now.point_m == wanted.plane.point_m && now.normal == wanted.plane.normal &&
+                        now.reflection == wanted.plane.reflection;
+      if (!same) send(slot, wanted.plane, false);
+      continue;
+    }
+    const auto longest_free = std::min_element(slots_.begin(), slots_.end(), [](const PlaneSlot& a, const PlaneSlot& b) {
+      return a.used != b.used ? !a.used : a.free_from < b.free_from;
+    });
+    if (longest_free->used) {
+      ++planes_left_out_;
+      continue;
+    }
+    longest_free->used = true;
+    longest_free->id = wanted.id;
+    send(static_cast<std::size_t>(longest_free - slots_.begin()), wanted.plane, true);
+  }
+  for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
+    if (!slots_[slot].used || present[slot]) continue;
+    spatial::Plane gone = slots_[slot].plane;
+    gone.reflection = 0;
+    send(slot, gone, false);
+    slots_[slot].used = false;
+    slots_[slot].free_from = way.end;
+  }
+}
+
+float Planner::bus_gain(const SheetPlan& sheet, int kind) const {
+  const auto of_sheet = gains_.sheet_db.find(sheet.id);
+  const auto of_material = gains_.material_db.find(sheet.material->pack().material);
+  const double db = gains_.session_db + gains_.kind_db[static_cast<std::size_t>(kind)] +
+                    (of_sheet == gains_.sheet_db.end() ? 0.0 : of_sheet->second) +
+                    (of_material == gains_.material_db.end() ? 0.0 : of_material->second);
+  return static_cast<float>(dsp::db_to_gain(std::clamp(db, -200.0, 60.0)));
+}
+
+void Planner::send_gains(const SheetPlan& sheet, SampleTime start, SampleTime end, std::vector<Cue>& out) {
+  for (int kind = 0; kind < kSoundKinds; ++kind) {
+    const Bus bus = bus_of(sheet.index, static_cast<SoundKind>(kind));
+    const float gain = bus_gain(sheet, kind);
+    const auto [sent, fresh] = sent_gains_.try_emplace(bus, 1.0F);
+    if (sent->second == gain) continue;
+    sent->second = gain;
+    out.emplace_back(GainCue{start, end, bus, gain});
+  }
+}
+
+void Planner::gains(const Gains& gains, SampleTime time, std::vector<Cue>& out) {
+  gains_ = gains;
+  for (const auto& [id, sheet] : sheets_) send_gains(sheet, time, time + samples(kGainRamp_s), out);
+}
+
+void Planner::end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& out) {
+  const auto sheet = sheets_.find(id);
+  if (sheet == sheets_.end()) return;
+  for (const auto& model : models_) model->end_sheet(sheet->second, time, out);
+  sheets_.erase(sheet);
+}
+
+PlanCounters Planner::counters() const {
+  PlanCounters counters;
+  counters.planes_left_out = planes_left_out_;
+  for (const auto& model : models_) model->add_counters(counters);
+  return counters;
+}
+
+}  // namespace rustle::synthesis

@@ -1,0 +1,112 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "server/observation/observation.h"
+#include "server/spatial/listener.h"
+#include "server/synthesis/cue.h"
+#include "server/synthesis/material.h"
+#include "server/synthesis/sound_model.h"
+
+namespace rustle::synthesis {
+
+inline constexpr double kGainRamp_s = 0.02;
+inline constexpr double kLeastMotion_s = 0.01;  ///< a listener or plane takes at least so long to its new place ...
+inline constexpr double kMostMotion_s = 0.1;    ///< ... and at most so long, whatever time the sender let pass
+
+/// A sheet's sounds: the pack of its material on the surface it touches by default, and on others by name.
+struct SheetSetup {
+  sheet::SheetId id = 0;
+  int index = 0;  ///< its place among the buses, 0 .. max_sheets - 1
+  std::shared_ptr<const pack::SoundPack> pack;
+  std::map<std::string, std::shared_ptr<const pack::SoundPack>> by_surface;
+};
+
+/// Gains in dB on top of the packs' levels; a bus has the sum of those that concern it.
+struct Gains {
+  double session_db = 0;
+  std::array<double, kSoundKinds> kind_db{};
+  std::map<sheet::SheetId, double> sheet_db;
+  std::map<std::string, double> material_db;
+};
+
+struct IdentifiedPlane {
+  std::uint64_t id = 0;
+  spatial::Plane plane;
+};
+
+/// Observations, listener, planes and gains into cues. Everything here runs on one thread at a time. [analysis worker]
+///
+/// `earliest` is everywhere the promise already given to the render side: no cue starts before it. Times become samples by
+/// round((time - origin) · rate). Random choices are seeded by (session seed, sheet, event), so cues do not depend on when
+/// things come. Cues point into packs and into tables made from them: a planner keeps both for its whole life, and must
+/// outlive the mixer that plays its cues.
+class Planner {
+ public:
+  explicit Planner(const PlanOptions& options);
+  ~Planner();
+  Planner(const Planner&) = delete;
+  Planner& operator=(const Planner&) = delete;
+
+  /// Adds a sheet, or gives it another pack; its buses take the gains in force at once.
+  /// \pre every pack is loaded at options.rate_hz
+  void add_sheet(const SheetSetup& setup, SampleTime earliest, std::vector<Cue>& out);
+
+  /// What the sheet did. Friction becomes cues at once; crumpling waits for `release`, so that what continues an event can
+  /// still join it. An unknown sheet is ignored.
+  void plan(const observation::Observation& observation, SampleTime earliest, std::vector<Cue>& out);
+
+  /// Hands over the waiting cues that start before `until`. To be called before `until` is promised to the render side.
+  void release(SampleTime until, std::vector<Cue>& out);
+
+  /// The listener is there at time_s; it moves there from the time of its last pose.
+  void listener(const spatial::Listener& listener, double time_s, SampleTime earliest, std::vector<Cue>& out);
+
+  /// All reflecting planes at time_s, known by their ids; those that are new fade in, those that are missing fade out.
+  void planes(std::span<const IdentifiedPlane> planes, double time_s, SampleTime earliest, std::vector<Cue>& out);
+
+  void gains(const Gains& gains, SampleTime time, std::vector<Cue>& out);
+
+  /// No observation of the sheet will come. Its waiting events still sound; what sustains ends within 20 ms.
+  void end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& out);
+
+  PlanCounters counters() const;
+
+ private:
+  struct PlaneSlot {
+    bool used = false;
+    std::uint64_t id = 0;
+    spatial::Plane plane;
+    SampleTime free_from = 0;
+  };
+  struct Motion {
+    SampleTime start = 0, end = 0;
+  };
+
+  const Material* material(const std::shared_ptr<const pack::SoundPack>& pack);
+  float bus_gain(const SheetPlan& sheet, int kind) const;
+  void send_gains(const SheetPlan& sheet, SampleTime start, SampleTime end, std::vector<Cue>& out);
+  Motion motion(double time_s, SampleTime previous, SampleTime earliest) const;
+  SampleTime samples(double duration_s) const;
+
+  PlanOptions options_;
+  std::vector<std::unique_ptr<PlanModel>> models_;
+  std::vector<std::unique_ptr<Material>> materials_;
+  std::map<sheet::SheetId, SheetPlan> sheets_;
+  std::map<Bus, float> sent_gains_;
+  Gains gains_;
+  bool placed_ = false;
+  spatial::Listener listener_;
+  SampleTime listener_time_ = 0;
+  SampleTime planes_time_ = 0;
+  std::array<PlaneSlot, spatial::kMaxPlanes> slots_;
+  std::uint64_t planes_left_out_ = 0;
+};
+
+}  // namespace rustle::synthesis

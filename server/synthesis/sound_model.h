@@ -1,0 +1,125 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "server/observation/observation.h"
+#include "server/synthesis/acoustic_scene.h"
+#include "server/synthesis/cue.h"
+#include "server/synthesis/material.h"
+#include "server/synthesis/nonblocking.h"
+
+/// What a kind of sound consists of: a half that plans, on the analysis side, and a half that renders, on the audio side.
+namespace rustle::synthesis {
+
+/// `kPublished` repeats the papers' formulas as printed, for comparison.
+enum class Mode : std::uint8_t { kPublished, kCorrected };
+
+struct PlanOptions {
+  std::uint64_t seed = 0;
+  Mode mode = Mode::kCorrected;
+  std::uint32_t rate_hz = 48000;
+  double origin_s = 0;  ///< the time of sample 0
+};
+
+/// The sample nearest to a time, held within ±2⁵² samples.
+SampleTime to_sample(const PlanOptions& options, double time_s) noexcept;
+
+/// The sheet an observation is about. What it points to outlives every cue.
+struct SheetPlan {
+  sheet::SheetId id = 0;
+  int index = 0;                       ///< its place among the buses
+  const Material* material = nullptr;  ///< on the surface it touches by default
+  std::map<std::string, const Material*, std::less<>> by_surface;
+
+  /// Its sounds on a touched surface; an empty or unknown name is the default.
+  const Material& on(std::string_view surface) const {
+    const auto found = by_surface.find(surface);
+    return found == by_surface.end() ? *material : *found->second;
+  }
+};
+
+/// What the plan halves could not sound.
+struct PlanCounters {
+  std::uint64_t sounds_missing = 0;   ///< the pack has no unit or spectrum for it
+  std::uint64_t planes_left_out = 0;  ///< more reflecting planes than spatial::kMaxPlanes
+};
+
+/// Plan half: observations into cues; may hold cues back until they are due. [analysis worker]
+class PlanModel {
+ public:
+  virtual ~PlanModel() = default;
+  /// `earliest`: nothing before it can be changed any more.
+  virtual void plan(const SheetPlan& sheet, const observation::Observation& observation, SampleTime earliest,
+                    std::vector<Cue>& out) = 0;
+  /// Hands over what was held back and starts before `until`.
+  virtual void release(SampleTime until, std::vector<Cue>& out) = 0;
+  /// No observation of this sheet will come: what sustains ends.
+  virtual void end_sheet(const SheetPlan& sheet, SampleTime time, std::vector<Cue>& out) = 0;
+  virtual void add_counters(PlanCounters& counters) const = 0;
+};
+
+struct RenderOptions {
+  Mode mode = Mode::kCorrected;
+  std::uint32_t rate_hz = 48000;
+  spatial::Layout layout = spatial::Layout::kMono;
+  int max_sheets = 16;
+  int max_voices = 512;
+  int max_friction_sources = 128;
+
+  int channels() const noexcept { return spatial::channel_count(layout); }
+  int buses() const noexcept { return max_sheets * kSoundKinds; }
+};
+
+/// One quantum of every bus, [bus][channel][kQuantum], and which buses are not silent.
+struct BusSamples {
+  float* samples = nullptr;
+  std::uint8_t* sounding = nullptr;
+  int channels = 1;
+
+  /// The channel of a bus to add to; marks the bus as sounding.
+  float* add_to(Bus bus, int channel) const noexcept RUSTLE_NONBLOCKING {
+    sounding[bus] = 1;
+    return samples +
+           (static_cast<std::size_t>(bus) * static_cast<std::size_t>(channels) + static_cast<std::size_t>(channel)) *
+               kQuantum;
+  }
+};
+
+/// What the render halves lost for want of room, or because it was not finite.
+struct RenderCounters {
+  std::uint64_t voices_stolen = 0;
+  std::uint64_t voices_dropped = 0;
+  std::uint64_t sources_dropped = 0;
+  std::uint64_t cues_dropped = 0;
+};
+
+/// Render half: everything is allocated by construction. [render worker]
+class RenderModel {
+ public:
+  virtual ~RenderModel() = default;
+  /// Acts on a cue at the start of the quantum about to be rendered; cues of other models are ignored.
+  virtual void apply(const Cue& cue, const SceneSpan& scene, SampleTime quantum_start) noexcept RUSTLE_NONBLOCKING = 0;
+  /// Adds [quantum_start, quantum_start + kQuantum) of its sound.
+  virtual void render(const SceneSpan& scene, SampleTime quantum_start,
+                      const BusSamples& out) noexcept RUSTLE_NONBLOCKING = 0;
+  /// Nothing sounds and nothing will without a further cue.
+  virtual bool silent() const noexcept RUSTLE_NONBLOCKING = 0;
+  virtual void add_counters(RenderCounters& counters) const noexcept RUSTLE_NONBLOCKING = 0;
+};
+
+/// A line of the registry.
+struct SoundModel {
+  std::string_view name;
+  SoundKind kind;
+  int latency_samples;  ///< look-ahead the model needs; the engine aligns models that differ
+  std::unique_ptr<PlanModel> (*make_plan)(const PlanOptions&);
+  std::unique_ptr<RenderModel> (*make_render)(const RenderOptions&);
+};
+
+}  // namespace rustle::synthesis

@@ -1,0 +1,250 @@
+#include "server/wire/control.h"
+
+#include <fmt/format.h>
+
+#include "rustle/v1/session.pb.h"
+#include "server/wire/decode.h"
+#include "server/wire/fields.h"
+#include "server/wire/session_options.h"
+
+namespace rustle::wire {
+namespace {
+
+using synthesis::SoundKind;
+using Body = decltype(ControlRequest::body);
+
+tl::expected<Body, Error> decode_attach(const v1::Attach& sent, const Limits& limits) {
+  AttachRequest out;
+  if (const auto good = check_text(sent.name(), "attach.name", limits); !good) return tl::unexpected(good.error());
+  out.name = sent.name();
+  auto options = from_wire(sent.options(), "attach.options", limits);
+  if (!options) return tl::unexpected(std::move(options.error()));
+  out.options = std::move(*options);
+  if (static_cast<std::size_t>(sent.sheets_size()) > limits.sheets)
+    return refuse(ErrorCode::kTooLarge, "attach.sheets",
+                  fmt::format("{} sheets are attached; at most {} are taken.", sent.sheets_size(), limits.sheets),
+                  "Attach several sessions.");
+  for (const v1::Sheet& sheet : sent.sheets()) {
+    auto read = decode_sheet(sheet, fmt::format("attach.sheets[{}]", out.sheets.size()), limits);
+    if (!read) return tl::unexpected(std::move(read.error()));
+    out.sheets.push_back(std::move(*read));
+  }
+  return out;
+}
+
+tl::expected<Body, Error> decode_gains(const v1::SetGains& sent, const Limits& limits) {
+  if (static_cast<std::size_t>(sent.gains_size()) > limits.gains)
+    return refuse(ErrorCode::kTooLarge, "set_gains.gains",
+                  fmt::format("{} gains are sent; at most {} are taken.", sent.gains_size(), limits.gains),
+                  "Send one gain for each sheet, kind and material.");
+  SetGainsRequest out;
+  for (const v1::Gain& sent_gain : sent.gains()) {
+    const std::string field = fmt::format("set_gains.gains[{}]", out.gains.size());
+    if (const auto good = check_range(sent_gain.gain_db(), -200, 60, field + ".gain_db", "dB"); !good)
+      return tl::unexpected(good.error());
+    if (const auto good = check_text(sent_gain.material(), field + ".material", limits); !good)
+      return tl::unexpected(good.error());
+    Gain gain{.gain_db = sent_gain.gain_db(), .sheet_id = {}, .kind = {}, .material = sent_gain.material()};
+    if (sent_gain.has_sheet_id()) gain.sheet_id = sent_gain.sheet_id();
+    switch (sent_gain.kind()) {
+      case v1::SOUND_KIND_UNSPECIFIED: break;
+      case v1::SOUND_KIND_CRUMPLING: gain.kind = SoundKind::kCrumpling; break;
+      case v1::SOUND_KIND_FRICTION: gain.kind = SoundKind::kFriction; break;
+      case v1::SOUND_KIND_TEARING: gain.kind = SoundKind::kTearing; break;
+      default:
+        return refuse(ErrorCode::kUnsupported, field + ".kind", fmt::format("The kind is {}.", int{sent_gain.kind()}),
+                      "Choose crumpling, friction or tearing, or leave it out for all.");
+    }
+    out.gains.push_back(std::move(gain));
+  }
+  return out;
+}
+
+tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const Limits& limits) {
+  switch (request.request_case()) {
+    case v1::ControlRequest::kHello: {
+      const v1::Hello& hello = request.hello();
+      if (hello.protocol_version() != kProtocolVersion)
+        return refuse(ErrorCode::kProtocolVersion, "hello.protocol_version",
+                      fmt::format("The client speaks version {}, this daemon version {}.", hello.protocol_version(),
+                                  kProtocolVersion),
+                      "Bring the older of the two up to date.");
+      if (const auto good = check_text(hello.client(), "hello.client", limits); !good) return tl::unexpected(good.error());
+      return HelloRequest{.client = hello.client()};
+    }
+    case v1::ControlRequest::kAttach: return decode_attach(request.attach(), limits);
+    case v1::ControlRequest::kDetach: return DetachRequest{.discard = request.detach().discard()};
+    case v1::ControlRequest::kSetGains: return decode_gains(request.set_gains(), limits);
+    case v1::ControlRequest::kGetStatistics: return GetStatisticsRequest{};
+    case v1::ControlRequest::kListPacks: return ListPacksRequest{};
+    case v1::ControlRequest::kChangePack: {
+      const v1::ChangePack& change = request.change_pack();
+      if (const auto good = check_text(change.material(), "change_pack.material", limits); !good)
+        return tl::unexpected(good.error());
+      if (const auto good = check_text(change.touched_surface(), "change_pack.touched_surface", limits); !good)
+        return tl::unexpected(good.error());
+      return ChangePackRequest{change.sheet_id(), change.material(), change.touched_surface()};
+    }
+    case v1::ControlRequest::kReloadPack:
+      if (const auto good = check_text(request.reload_pack().name(), "reload_pack.name", limits); !good)
+        return tl::unexpected(good.error());
+      return ReloadPackRequest{request.reload_pack().name()};
+    case v1::ControlRequest::kStartRecording:
+      if (const auto good = check_text(request.start_recording().file_name(), "start_recording.file_name", limits); !good)
+        return tl::unexpected(good.error());
+      return StartRecordingRequest{request.start_recording().file_name()};
+    case v1::ControlRequest::kStopRecording: return StopRecordingRequest{};
+    case v1::ControlRequest::kListSessions: return ListSessionsRequest{};
+    case v1::ControlRequest::REQUEST_NOT_SET: break;
+  }
+  return refuse(ErrorCode::kMalformed, "request", "The request asks nothing that this version knows.",
+                "Set one of ControlRequest's requests, or bring the daemon up to date.");
+}
+
+void write(const Gain& gain, v1::Gain* out) {
+  out->set_gain_db(gain.gain_db);
+  if (gain.sheet_id) out->set_sheet_id(*gain.sheet_id);
+  if (gain.kind) switch (*gain.kind) {
+      case SoundKind::kCrumpling: out->set_kind(v1::SOUND_KIND_CRUMPLING); break;
+      case SoundKind::kFriction: out->set_kind(v1::SOUND_KIND_FRICTION); break;
+      case SoundKind::kTearing: out->set_kind(v1::SOUND_KIND_TEARING); break;
+    }
+  out->set_material(gain.material);
+}
+
+void write(const Statistics& statistics, v1::Statistics* out) {
+  out->set_session_id(statistics.session_id);
+  out->set_messages_received(statistics.messages_received);
+  out->set_frames_received(statistics.frames_received);
+  out->set_frames_analysed(statistics.frames_analysed);
+  for (const auto& [cause, count] : statistics.frames_dropped) (*out->mutable_frames_dropped())[cause] = count;
+  out->set_messages_refused(statistics.messages_refused);
+  out->set_sequence_gaps(statistics.sequence_gaps);
+  out->set_samples_due(statistics.samples_due);
+  out->set_samples_sent(statistics.samples_sent);
+  out->set_samples_in_gaps(statistics.samples_in_gaps);
+  out->set_voices(statistics.voices);
+  out->set_crumpling_events(statistics.crumpling_events);
+  out->set_friction_episodes(statistics.friction_episodes);
+  out->set_tear_events(statistics.tear_events);
+  out->set_newest_time_s(statistics.newest_time_s);
+  out->set_rendered_time_s(statistics.rendered_time_s);
+  out->set_playout_delay_s(statistics.playout_delay_s);
+  out->set_clock_drift_ppm(statistics.clock_drift_ppm);
+  out->set_load_level(statistics.load_level);
+}
+
+void write(const PackInfo& pack, v1::PackInfo* out) {
+  out->set_name(pack.name);
+  out->set_material(pack.material);
+  out->set_touched_surface(pack.touched_surface);
+  out->set_version(pack.version);
+  out->set_licence(pack.licence);
+  out->set_rate_hz(pack.rate_hz);
+  out->set_units(pack.units);
+  out->set_spectra(pack.spectra);
+  for (const std::string& model : pack.models) out->add_models(model);
+}
+
+struct AddReply {
+  v1::ControlReply& reply;
+
+  void operator()(const Error& error) const {
+    v1::Error* out = reply.mutable_error();
+    out->set_code(static_cast<v1::ErrorCode>(error.code));
+    out->set_field(error.field);
+    out->set_message(error.message);
+    out->set_remedy(error.remedy);
+    out->set_sequence(error.sequence);
+    if (error.quota) {
+      out->mutable_quota()->set_name(error.quota->name);
+      out->mutable_quota()->set_limit(error.quota->limit);
+      out->mutable_quota()->set_asked(error.quota->asked);
+    }
+    out->set_permission(error.permission);
+  }
+  void operator()(const Welcome& welcome) const {
+    v1::Welcome* out = reply.mutable_welcome();
+    out->set_protocol_version(kProtocolVersion);
+    out->set_server(welcome.server);
+    out->set_stream_endpoint(welcome.stream_endpoint);
+    out->set_out_endpoint(welcome.out_endpoint);
+    out->set_rate_hz(welcome.rate_hz);
+    out->set_block_size(welcome.block_size);
+  }
+  void operator()(const Attached& attached) const {
+    v1::Attached* out = reply.mutable_attached();
+    out->set_session_id(attached.session_id);
+    to_wire(attached.options, out->mutable_options());
+    if (attached.credit) {
+      out->mutable_credit()->set_acknowledged_sequence(attached.credit->acknowledged_sequence);
+      out->mutable_credit()->set_window_messages(attached.credit->window_messages);
+      out->mutable_credit()->set_window_bytes(attached.credit->window_bytes);
+    }
+  }
+  void operator()(const Detached& detached) const {
+    write(detached.statistics, reply.mutable_detached()->mutable_statistics());
+  }
+  void operator()(const GainsSet& set) const {
+    v1::GainsSet* out = reply.mutable_gains_set();
+    for (const Gain& gain : set.gains) write(gain, out->add_gains());
+  }
+  void operator()(const Statistics& statistics) const { write(statistics, reply.mutable_statistics()); }
+  void operator()(const PackList& list) const {
+    v1::PackList* out = reply.mutable_pack_list();
+    for (const PackInfo& pack : list.packs) write(pack, out->add_packs());
+  }
+  void operator()(const PackChanged& changed) const { write(changed.pack, reply.mutable_pack_changed()->mutable_pack()); }
+  void operator()(const RecordingStarted& started) const {
+    reply.mutable_recording_started()->set_file_name(started.file_name);
+  }
+  void operator()(const RecordingStopped& stopped) const {
+    v1::RecordingStopped* out = reply.mutable_recording_stopped();
+    out->set_file_name(stopped.file_name);
+    out->set_messages(stopped.messages);
+    out->set_bytes(stopped.bytes);
+  }
+  void operator()(const SessionList& list) const {
+    v1::SessionList* out = reply.mutable_session_list();
+    for (const SessionInfo& session : list.sessions) {
+      v1::SessionInfo* info = out->add_sessions();
+      info->set_session_id(session.session_id);
+      info->set_name(session.name);
+      info->set_clock(session.clock == session::Clock::kLive ? v1::CLOCK_LIVE : v1::CLOCK_SIMULATION);
+      info->set_sheets(session.sheets);
+      info->set_newest_time_s(session.newest_time_s);
+    }
+  }
+};
+
+}  // namespace
+
+tl::expected<ControlRequest, ControlError> decode_control(std::span<const std::byte> bytes, const Limits& limits) {
+  keep_protobuf_quiet();
+  v1::ControlRequest request;
+  if (bytes.size() > limits.control_bytes)
+    return tl::unexpected(ControlError{
+        0, refuse(ErrorCode::kTooLarge, "",
+                  fmt::format("The request has {} bytes; at most {} are taken.", bytes.size(), limits.control_bytes),
+                  "Send meshes in the stream, not on the control socket.")
+               .value()});
+  if (!request.ParseFromArray(bytes.data(), static_cast<int>(bytes.size())))
+    return tl::unexpected(ControlError{0, refuse(ErrorCode::kMalformed, "", "The bytes are no rustle.v1.ControlRequest.",
+                                                 "Speak the protocol's version 1; text fields are UTF-8.")
+                                              .value()});
+  if (const auto good = check_text(request.session_id(), "session_id", limits); !good)
+    return tl::unexpected(ControlError{request.request_id(), good.error()});
+  auto body = decode_body(request, limits);
+  if (!body) return tl::unexpected(ControlError{request.request_id(), std::move(body.error())});
+  return ControlRequest{
+      .request_id = request.request_id(), .session_id = request.session_id(), .body = std::move(*body)};
+}
+
+std::string encode_reply(std::uint64_t request_id, const ControlReply& reply) {
+  v1::ControlReply out;
+  out.set_request_id(request_id);
+  std::visit(AddReply{out}, reply);
+  return out.SerializeAsString();
+}
+
+}  // namespace rustle::wire

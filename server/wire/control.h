@@ -1,0 +1,154 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "server/engine/stream_item.h"
+#include "server/session/session_options.h"
+#include "server/synthesis/cue.h"
+#include "server/wire/encode.h"
+#include "server/wire/error.h"
+#include "server/wire/limits.h"
+
+/// What is asked and answered on the control socket, as plain data. Pure; any thread.
+namespace rustle::wire {
+
+/// A sound's level is the product of all gains that match it.
+struct Gain {
+  double gain_db = 0;                         ///< -200 to 60
+  std::optional<std::uint32_t> sheet_id;      ///< absent: every sheet
+  std::optional<synthesis::SoundKind> kind;   ///< absent: every kind
+  std::string material;                       ///< empty: every material
+};
+
+struct HelloRequest {
+  std::string client;
+};
+struct AttachRequest {
+  std::string name;
+  session::SessionOptions options;
+  std::vector<engine::SheetDescription> sheets;
+};
+struct DetachRequest {
+  bool discard = false;
+};
+struct SetGainsRequest {
+  std::vector<Gain> gains;
+};
+struct GetStatisticsRequest {};
+struct ListPacksRequest {};
+struct ChangePackRequest {
+  std::uint32_t sheet_id = 0;
+  std::string material, touched_surface;
+};
+struct ReloadPackRequest {
+  std::string name;  ///< empty: all
+};
+struct StartRecordingRequest {
+  std::string file_name;
+};
+struct StopRecordingRequest {};
+struct ListSessionsRequest {};
+
+struct ControlRequest {
+  std::uint64_t request_id = 0;
+  std::string session_id;
+  std::variant<HelloRequest, AttachRequest, DetachRequest, SetGainsRequest, GetStatisticsRequest, ListPacksRequest,
+               ChangePackRequest, ReloadPackRequest, StartRecordingRequest, StopRecordingRequest, ListSessionsRequest>
+      body;
+};
+
+/// A request that cannot be carried out, with the id its answer must bear.
+struct ControlError {
+  std::uint64_t request_id = 0;
+  Error error;
+};
+
+/// Checked as the stream is: texts, finiteness, ranges, counts; Hello's protocol version.
+[[nodiscard]] tl::expected<ControlRequest, ControlError> decode_control(std::span<const std::byte> bytes,
+                                                                        const Limits& limits = {});
+
+struct Welcome {
+  std::string server;  ///< name and version
+  std::string stream_endpoint;  ///< empty: the daemon connects out instead
+  std::string out_endpoint;
+  std::uint32_t rate_hz = 0;
+  std::uint32_t block_size = 0;
+};
+struct Attached {
+  std::string session_id;
+  session::SessionOptions options;    ///< as in force
+  std::optional<FlowCredit> credit;   ///< simulation clock: the first window
+};
+struct Statistics {
+  std::string session_id;
+  std::uint64_t messages_received = 0;
+  std::uint64_t frames_received = 0;
+  std::uint64_t frames_analysed = 0;
+  std::map<std::string, std::uint64_t> frames_dropped;  ///< by cause
+  std::uint64_t messages_refused = 0;
+  std::uint64_t sequence_gaps = 0;
+  std::uint64_t samples_due = 0;
+  std::uint64_t samples_sent = 0;
+  std::uint64_t samples_in_gaps = 0;
+  std::uint64_t voices = 0;
+  std::uint64_t crumpling_events = 0;
+  std::uint64_t friction_episodes = 0;
+  std::uint64_t tear_events = 0;
+  double newest_time_s = 0;
+  double rendered_time_s = 0;
+  double playout_delay_s = 0;
+  double clock_drift_ppm = 0;
+  std::uint32_t load_level = 0;
+};
+struct Detached {
+  Statistics statistics;
+};
+struct GainsSet {
+  std::vector<Gain> gains;  ///< all in force
+};
+struct PackInfo {
+  std::string name, material, touched_surface, version, licence;
+  std::uint32_t rate_hz = 0;
+  std::uint32_t units = 0;
+  std::uint32_t spectra = 0;
+  std::vector<std::string> models;
+};
+struct PackList {
+  std::vector<PackInfo> packs;
+};
+struct PackChanged {
+  PackInfo pack;
+};
+struct RecordingStarted {
+  std::string file_name;
+};
+struct RecordingStopped {
+  std::string file_name;
+  std::uint64_t messages = 0;
+  std::uint64_t bytes = 0;
+};
+struct SessionInfo {
+  std::string session_id, name;
+  session::Clock clock = session::Clock::kLive;
+  std::uint32_t sheets = 0;
+  double newest_time_s = 0;
+};
+struct SessionList {
+  std::vector<SessionInfo> sessions;
+};
+
+using ControlReply = std::variant<Error, Welcome, Attached, Detached, GainsSet, Statistics, PackList, PackChanged,
+                                  RecordingStarted, RecordingStopped, SessionList>;
+
+[[nodiscard]] std::string encode_reply(std::uint64_t request_id, const ControlReply& reply);
+
+}  // namespace rustle::wire

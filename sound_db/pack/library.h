@@ -1,0 +1,72 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "sound_db/pack/pack_error.h"
+#include "sound_db/pack/sound_pack.h"
+
+namespace rustle::pack {
+
+/// A pack that was found, by its manifest.
+struct PackEntry {
+  std::filesystem::path folder;
+  std::string name;
+  std::string version;
+  std::string material;
+  std::string touched_surface;
+  std::string licence;
+  std::string origin;
+};
+
+/// Where packs are looked for, in this order: the folders of RUSTLE_PACK_PATH (separated by colons), ../share/rustle/packs
+/// beside the program's own folder, /usr/share/rustle/packs.
+std::vector<std::filesystem::path> default_search_folders();
+
+/// The packs in a list of folders: each is a pack itself or holds packs. Of packs alike in material and surface the first in
+/// search order counts; inside a folder the order is by name. A loaded pack is shared as long as somebody holds it.
+/// Control side, any thread.
+class PackLibrary {
+ public:
+  explicit PackLibrary(std::vector<std::filesystem::path> folders = default_search_folders());
+
+  /// Looks again and forgets what was loaded; packs in use stay as they are.
+  void rescan();
+
+  std::vector<std::filesystem::path> search_folders() const;
+  std::vector<PackEntry> entries() const;
+  /// Packs that were found but cannot be read.
+  std::vector<PackError> broken() const;
+  /// Names of the materials, sorted, each once.
+  std::vector<std::string> materials() const;
+
+  /// The pack of a material for a touched surface, or for any surface when there is none for that one. An error names the
+  /// materials there are.
+  [[nodiscard]] tl::expected<PackEntry, PackError> find(const std::string& material,
+                                                        const std::string& touched_surface = {}) const;
+
+  /// find, then load at a rate; fft_size 0: spectra as stored.
+  [[nodiscard]] tl::expected<std::shared_ptr<const SoundPack>, PackError> load(const std::string& material,
+                                                                               const std::string& touched_surface,
+                                                                               std::uint32_t rate_hz,
+                                                                               std::uint32_t fft_size = 0);
+
+ private:
+  using Key = std::tuple<std::filesystem::path, std::uint32_t, std::uint32_t>;
+
+  const std::vector<std::filesystem::path> folders_;
+  mutable std::mutex mutex_;
+  std::vector<PackEntry> entries_;
+  std::vector<PackError> broken_;
+  std::map<Key, std::weak_ptr<const SoundPack>> loaded_;
+};
+
+}  // namespace rustle::pack

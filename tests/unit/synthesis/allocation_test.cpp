@@ -1,0 +1,79 @@
+#include <catch2/catch.hpp>
+
+#include <cstdlib>
+#include <new>
+
+#include "server/synthesis/limiter.h"
+#include "tests/unit/synthesis/rig.h"
+
+namespace {
+
+thread_local bool guarded = false;
+thread_local int allocations = 0;
+
+void* counted(std::size_t size) {
+  if (guarded) ++allocations;
+  if (void* p = std::malloc(size ? size : 1)) return p;
+  throw std::bad_alloc();
+}
+
+}  // namespace
+
+void* operator new(std::size_t size) {
+  return counted(size);
+}
+void* operator new[](std::size_t size) {
+  return counted(size);
+}
+void operator delete(void* p) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p, std::size_t) noexcept {
+  std::free(p);
+}
+
+using namespace rustle::synthesis;
+using namespace rustle::synthesis::rig;
+
+TEST_CASE("Taking cues and rendering allocate nothing, stealing and overflow included") {
+  PackOptions options;
+  options.unit.assign(9600, 0.01F);
+  options.gain_sigma = 0.35;
+  Rig rig(options, Mode::kCorrected, rustle::spatial::Layout::kStereo, 16);
+  const IdentifiedPlane table{1, {}};
+  rig.planner.planes(std::span(&table, 1), 0, 0, rig.cues);
+  for (std::uint64_t frame = 1; frame <= 30; ++frame) {
+    auto o = rig.frame(static_cast<double>(frame - 1) / 60, static_cast<double>(frame) / 60);
+    for (std::uint64_t k = 0; k < 150; ++k) {
+      o.crumpling.push_back(flap(1000 * frame + k, o.previous_time_s, 0.01 * static_cast<double>(k + 1)));
+      o.friction.push_back(slide(k + 1, 0.1 + 0.001 * static_cast<double>(frame)));
+    }
+    rig.planner.plan(o, 0, rig.cues);
+  }
+  rig.planner.release(INT64_MAX, rig.cues);
+  Limiter limiter(48000);
+  float* channels[] = {rig.quantum.data(), rig.quantum.data() + kQuantum};
+  allocations = 0;
+  guarded = true;
+  for (int k = 0; k < 600; ++k, rig.now += kQuantum) {
+    for (const Cue& cue : rig.cues) {
+      if (start_of(cue) >= rig.now && start_of(cue) < rig.now + kQuantum) rig.mixer.apply(cue);
+    }
+    rig.mixer.render(rig.now, rig.quantum);
+    limiter.process(channels, kQuantum);
+    (void)rig.mixer.silent();
+  }
+  for (const Cue& cue : rig.cues) rig.mixer.apply(cue);
+  rig.mixer.render(rig.now, rig.quantum);
+  guarded = false;
+  CHECK(allocations == 0);
+  CHECK(rig.mixer.counters().voices_stolen > 0);
+  CHECK(rig.mixer.counters().sources_dropped > 0);
+  CHECK(rig.mixer.counters().cues_dropped > 0);
+}
