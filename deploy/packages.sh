@@ -4,7 +4,7 @@
 rustle_build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
   libzmq3-dev cppzmq-dev libprotobuf-dev protobuf-compiler libeigen3-dev libfftw3-dev libsamplerate0-dev libsndfile1-dev
-  librtaudio-dev libspdlog-dev libfmt-dev libcli11-dev libtomlplusplus-dev libexpected-dev nlohmann-json3-dev
+  libspdlog-dev libfmt-dev libcli11-dev libexpected-dev nlohmann-json3-dev
   libcairo2-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
 )
 rustle_test_packages=(catch2 nodejs npm python3 python3-numpy python3-zmq python3-protobuf)

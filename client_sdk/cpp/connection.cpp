@@ -24,11 +24,11 @@ tl::expected<ServerInfo, Error> say_hello(Link& link) {
   if (!reply) return tl::unexpected(std::move(reply.error()));
   if (!reply->has_welcome()) return tl::unexpected(unexpected_answer());
   if (reply->welcome().protocol_version() != internal::kProtocolVersion)
-    return tl::unexpected(internal::local_error(
-        "protocol_version",
-        "The daemon speaks version " + std::to_string(reply->welcome().protocol_version()) + ", this SDK version " +
-            std::to_string(internal::kProtocolVersion) + ".",
-        "Bring the older of the two up to date."));
+    return tl::unexpected(internal::local_error("protocol_version",
+                                                "The daemon speaks version " +
+                                                    std::to_string(reply->welcome().protocol_version()) +
+                                                    ", this SDK version " + std::to_string(internal::kProtocolVersion) + ".",
+                                                "Bring the older of the two up to date."));
   return internal::from_wire(reply->welcome());
 }
 
@@ -38,8 +38,8 @@ Connection::Connection(std::shared_ptr<internal::Link> link) : link_(std::move(l
 
 tl::expected<Connection, Error> Connection::connect(const Endpoints& endpoints, std::chrono::milliseconds timeout) {
   auto context = std::make_shared<internal::Context>();
-  auto control = internal::Socket::connect(context, internal::Socket::Role::kControl, endpoints.control,
-                                           {.send = 256, .receive = 256});
+  auto control =
+      internal::Socket::connect(context, internal::Socket::Role::kControl, endpoints.control, {.send = 256, .receive = 256});
   if (!control) return tl::unexpected(std::move(control.error()));
   auto link = std::make_shared<Link>(std::move(context), std::move(*control), endpoints, timeout);
   auto server = say_hello(*link);
@@ -48,9 +48,13 @@ tl::expected<Connection, Error> Connection::connect(const Endpoints& endpoints, 
   return Connection(std::move(link));
 }
 
-const ServerInfo& Connection::server() const { return link_->server; }
+const ServerInfo& Connection::server() const {
+  return link_->server;
+}
 
-tl::expected<ServerInfo, Error> Connection::ping() const { return say_hello(*link_); }
+tl::expected<ServerInfo, Error> Connection::ping() const {
+  return say_hello(*link_);
+}
 
 tl::expected<std::vector<PackInfo>, Error> Connection::list_packs() const {
   v1::ControlRequest request;
@@ -104,7 +108,8 @@ tl::expected<std::vector<Gain>, Error> Connection::set_gains(const std::string& 
 }
 
 tl::expected<PackInfo, Error> Connection::change_pack(const std::string& session_id, std::uint32_t sheet_id,
-                                                      const std::string& material, const std::string& touched_surface) const {
+                                                      const std::string& material,
+                                                      const std::string& touched_surface) const {
   v1::ControlRequest request;
   request.set_session_id(session_id);
   request.mutable_change_pack()->set_sheet_id(sheet_id);

@@ -27,7 +27,9 @@ std::string topic_of(const std::string& session_id, const ListenOptions& options
   return topic + (options.format == SampleFormat::kS16 ? "/s16/" : "/f32/") + std::to_string(options.blocks);
 }
 
-Vector3 from_wire(const v1::Vector3& v) { return {v.x(), v.y(), v.z()}; }
+Vector3 from_wire(const v1::Vector3& v) {
+  return {v.x(), v.y(), v.z()};
+}
 
 /// False for a format this version does not know, or data of the wrong size.
 bool read_samples(const v1::Pcm& pcm, std::vector<float>& out) {
@@ -117,22 +119,19 @@ tl::expected<PcmReader, Error> PcmReader::listen(const Connection& connection, c
   internal::Link& link = *connection.link();
   const std::string endpoint = link.out_endpoint();
   if (endpoint.empty())
-    return tl::unexpected(internal::local_error("unreachable", "The daemon names no endpoint to listen at.",
-                                                "Give Endpoints::out."));
+    return tl::unexpected(
+        internal::local_error("unreachable", "The daemon names no endpoint to listen at.", "Give Endpoints::out."));
   auto socket = Socket::connect(link.context(), Socket::Role::kListener, endpoint,
                                 {.send = 0, .receive = options.queue_messages.value_or(4096)});
   if (!socket) return tl::unexpected(std::move(socket.error()));
-  auto impl = std::make_unique<Impl>(Impl{.socket = std::move(*socket),
-                                          .waiting = {},
-                                          .next_sample = {},
-                                          .missing_samples = 0,
-                                          .unreadable = 0});
+  auto impl = std::make_unique<Impl>(
+      Impl{.socket = std::move(*socket), .waiting = {}, .next_sample = {}, .missing_samples = 0, .unreadable = 0});
   impl->socket.subscribe(topic_of(session_id, options));
   std::vector<std::vector<std::string>> early;
   if (!impl->socket.wait_subscribed(link.timeout(), early))
-    return tl::unexpected(internal::local_error(
-        "timeout", "The daemon did not confirm the subscription at " + endpoint + " in time.",
-        "Check that the out endpoint can be reached from here."));
+    return tl::unexpected(internal::local_error("timeout",
+                                                "The daemon did not confirm the subscription at " + endpoint + " in time.",
+                                                "Check that the out endpoint can be reached from here."));
   impl->waiting.assign(std::make_move_iterator(early.begin()), std::make_move_iterator(early.end()));
   return PcmReader(std::move(impl));
 }
@@ -156,7 +155,11 @@ std::optional<PcmBlock> PcmReader::next(std::chrono::milliseconds timeout) {
   }
 }
 
-std::uint64_t PcmReader::missing_samples() const { return impl_->missing_samples; }
-std::uint64_t PcmReader::unreadable_messages() const { return impl_->unreadable; }
+std::uint64_t PcmReader::missing_samples() const {
+  return impl_->missing_samples;
+}
+std::uint64_t PcmReader::unreadable_messages() const {
+  return impl_->unreadable;
+}
 
 }  // namespace rustle::client

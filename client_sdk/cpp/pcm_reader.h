@@ -51,7 +51,7 @@ struct PcmBlock {
   std::uint32_t samples = 0;          ///< per channel
   std::uint64_t missing_samples = 0;  ///< lost before this block: a gap
   double time_s = 0;                  ///< simulation time of the first sample
-  std::vector<float> interleaved{};     ///< [samples, channels]
+  std::vector<float> interleaved{};   ///< [samples, channels]
   std::optional<EmitterState> emitter{};
   bool end = false;  ///< the stream is complete: no samples here, `first_sample` is its length
 };
@@ -71,8 +71,8 @@ class PcmReader {
   /// The next block; empty when none came in time.
   [[nodiscard]] std::optional<PcmBlock> next(std::chrono::milliseconds timeout);
 
-  std::uint64_t missing_samples() const;     ///< in all gaps so far
-  std::uint64_t unreadable_messages() const; ///< in a format this version does not know
+  std::uint64_t missing_samples() const;      ///< in all gaps so far
+  std::uint64_t unreadable_messages() const;  ///< in a format this version does not know
 
  private:
   struct Impl;

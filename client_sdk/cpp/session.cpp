@@ -25,8 +25,10 @@ bool may_be_dropped(const v1::StreamMessage& message) {
     case v1::StreamMessage::kFrame:
     case v1::StreamMessage::kTearTips:
     case v1::StreamMessage::kListener:
-    case v1::StreamMessage::kAdvance: return true;
-    default: return false;
+    case v1::StreamMessage::kAdvance:
+      return true;
+    default:
+      return false;
   }
 }
 
@@ -213,8 +215,11 @@ tl::expected<Session, Error> Session::attach(const Connection& connection, const
                                 {.send = simulation ? kSimulationQueueMessages : kLiveQueueMessages, .receive = 0});
   if (!stream) return give_up(std::move(stream.error()));
 
-  auto impl = std::make_unique<Impl>(
-      Impl{.connection = connection, .stream = std::move(*stream), .answers = std::move(*answers), .id = id, .options = in_force});
+  auto impl = std::make_unique<Impl>(Impl{.connection = connection,
+                                          .stream = std::move(*stream),
+                                          .answers = std::move(*answers),
+                                          .id = id,
+                                          .options = in_force});
   if (reply->attached().has_credit()) impl->take(reply->attached().credit());
 
   impl->answers.subscribe(id + "/acknowledgements");
@@ -232,13 +237,18 @@ tl::expected<Session, Error> Session::attach(const Connection& connection, const
       return give_up(local_error("timeout", "The daemon did not subscribe at " + stream_endpoint + " in time.",
                                  "Check that the stream endpoint can be reached from here."));
     const auto parts = impl->stream.receive();
-    subscribed = !parts.empty() && !parts.front().empty() && parts.front()[0] == 1 && id.starts_with(parts.front().substr(1));
+    subscribed =
+        !parts.empty() && !parts.front().empty() && parts.front()[0] == 1 && id.starts_with(parts.front().substr(1));
   }
   return Session(std::move(impl));
 }
 
-const std::string& Session::id() const { return impl_->id; }
-const SessionOptions& Session::options() const { return impl_->options; }
+const std::string& Session::id() const {
+  return impl_->id;
+}
+const SessionOptions& Session::options() const {
+  return impl_->options;
+}
 
 SendResult Session::add_sheet(const SheetOptions& sheet) {
   v1::StreamMessage message = impl_->begin();
@@ -329,7 +339,9 @@ tl::expected<PcmReader, Error> Session::listen(const ListenOptions& options) con
   return PcmReader::listen(impl_->connection, impl_->id, asked);
 }
 
-tl::expected<Statistics, Error> Session::statistics() const { return impl_->connection.statistics(impl_->id); }
+tl::expected<Statistics, Error> Session::statistics() const {
+  return impl_->connection.statistics(impl_->id);
+}
 
 tl::expected<std::vector<Gain>, Error> Session::set_gains(const std::vector<Gain>& gains) const {
   return impl_->connection.set_gains(impl_->id, gains);
@@ -360,10 +372,20 @@ tl::expected<Statistics, Error> Session::detach(bool discard) {
   return statistics;
 }
 
-void Session::set_send_timeout(milliseconds timeout) { impl_->send_timeout = timeout; }
-std::uint64_t Session::sent_messages() const { return impl_->sent_messages; }
-std::uint64_t Session::dropped_messages() const { return impl_->dropped_messages; }
-std::uint64_t Session::acknowledged_sequence() const { return impl_->acknowledged; }
-std::uint64_t Session::next_sequence() const { return impl_->next_sequence; }
+void Session::set_send_timeout(milliseconds timeout) {
+  impl_->send_timeout = timeout;
+}
+std::uint64_t Session::sent_messages() const {
+  return impl_->sent_messages;
+}
+std::uint64_t Session::dropped_messages() const {
+  return impl_->dropped_messages;
+}
+std::uint64_t Session::acknowledged_sequence() const {
+  return impl_->acknowledged;
+}
+std::uint64_t Session::next_sequence() const {
+  return impl_->next_sequence;
+}
 
 }  // namespace rustle::client

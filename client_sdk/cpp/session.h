@@ -89,8 +89,8 @@ class Session {
 
   void set_send_timeout(std::chrono::milliseconds timeout);  ///< 10 s unless set
   std::uint64_t sent_messages() const;
-  std::uint64_t dropped_messages() const;          ///< live clock
-  std::uint64_t acknowledged_sequence() const;     ///< simulation clock
+  std::uint64_t dropped_messages() const;       ///< live clock
+  std::uint64_t acknowledged_sequence() const;  ///< simulation clock
   std::uint64_t next_sequence() const;
 
  private:

@@ -64,9 +64,15 @@ void write(const SessionOptions& options, v1::SessionOptions* out) {
   out->set_rate_hz(options.rate_hz);
   out->set_block_size(options.block_size);
   switch (options.channels) {
-    case Channels::kMono: out->set_channels(v1::CHANNEL_LAYOUT_MONO); break;
-    case Channels::kStereo: out->set_channels(v1::CHANNEL_LAYOUT_STEREO); break;
-    case Channels::kBinaural: out->set_channels(v1::CHANNEL_LAYOUT_BINAURAL); break;
+    case Channels::kMono:
+      out->set_channels(v1::CHANNEL_LAYOUT_MONO);
+      break;
+    case Channels::kStereo:
+      out->set_channels(v1::CHANNEL_LAYOUT_STEREO);
+      break;
+    case Channels::kBinaural:
+      out->set_channels(v1::CHANNEL_LAYOUT_BINAURAL);
+      break;
   }
   out->set_default_material(options.default_material);
   out->set_record(options.record);
@@ -83,9 +89,15 @@ void read(const v1::SessionOptions& sent, SessionOptions& options) {
   options.rate_hz = sent.rate_hz();
   options.block_size = sent.block_size();
   switch (sent.channels()) {
-    case v1::CHANNEL_LAYOUT_MONO: options.channels = Channels::kMono; break;
-    case v1::CHANNEL_LAYOUT_BINAURAL: options.channels = Channels::kBinaural; break;
-    default: options.channels = Channels::kStereo; break;
+    case v1::CHANNEL_LAYOUT_MONO:
+      options.channels = Channels::kMono;
+      break;
+    case v1::CHANNEL_LAYOUT_BINAURAL:
+      options.channels = Channels::kBinaural;
+      break;
+    default:
+      options.channels = Channels::kStereo;
+      break;
   }
   options.default_material = sent.default_material();
   options.record = sent.record();

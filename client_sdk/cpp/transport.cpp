@@ -40,14 +40,19 @@ std::string lower_code(int code) {
 
 int type_of(Socket::Role role) {
   switch (role) {
-    case Socket::Role::kControl: return ZMQ_DEALER;
-    case Socket::Role::kStream: return ZMQ_XPUB;
-    case Socket::Role::kListener: return ZMQ_SUB;
+    case Socket::Role::kControl:
+      return ZMQ_DEALER;
+    case Socket::Role::kStream:
+      return ZMQ_XPUB;
+    case Socket::Role::kListener:
+      return ZMQ_SUB;
   }
   return ZMQ_DEALER;
 }
 
-bool set(void* socket, int option, int value) { return zmq_setsockopt(socket, option, &value, sizeof(value)) == 0; }
+bool set(void* socket, int option, int value) {
+  return zmq_setsockopt(socket, option, &value, sizeof(value)) == 0;
+}
 
 /// Different for every call on this machine.
 std::string nonce() {
@@ -137,10 +142,17 @@ Gain from_wire(const v1::Gain& sent) {
   Gain gain{.gain_db = sent.gain_db(), .sheet_id = {}, .kind = {}, .material = sent.material()};
   if (sent.has_sheet_id()) gain.sheet_id = sent.sheet_id();
   switch (sent.kind()) {
-    case v1::SOUND_KIND_CRUMPLING: gain.kind = SoundKind::kCrumpling; break;
-    case v1::SOUND_KIND_FRICTION: gain.kind = SoundKind::kFriction; break;
-    case v1::SOUND_KIND_TEARING: gain.kind = SoundKind::kTearing; break;
-    default: break;
+    case v1::SOUND_KIND_CRUMPLING:
+      gain.kind = SoundKind::kCrumpling;
+      break;
+    case v1::SOUND_KIND_FRICTION:
+      gain.kind = SoundKind::kFriction;
+      break;
+    case v1::SOUND_KIND_TEARING:
+      gain.kind = SoundKind::kTearing;
+      break;
+    default:
+      break;
   }
   return gain;
 }
@@ -149,18 +161,27 @@ void to_wire(const Gain& gain, v1::Gain* out) {
   out->set_gain_db(gain.gain_db);
   if (gain.sheet_id) out->set_sheet_id(*gain.sheet_id);
   if (gain.kind) switch (*gain.kind) {
-      case SoundKind::kCrumpling: out->set_kind(v1::SOUND_KIND_CRUMPLING); break;
-      case SoundKind::kFriction: out->set_kind(v1::SOUND_KIND_FRICTION); break;
-      case SoundKind::kTearing: out->set_kind(v1::SOUND_KIND_TEARING); break;
+      case SoundKind::kCrumpling:
+        out->set_kind(v1::SOUND_KIND_CRUMPLING);
+        break;
+      case SoundKind::kFriction:
+        out->set_kind(v1::SOUND_KIND_FRICTION);
+        break;
+      case SoundKind::kTearing:
+        out->set_kind(v1::SOUND_KIND_TEARING);
+        break;
     }
   out->set_material(gain.material);
 }
 
 std::string_view kind_name(SoundKind kind) {
   switch (kind) {
-    case SoundKind::kCrumpling: return "crumpling";
-    case SoundKind::kFriction: return "friction";
-    case SoundKind::kTearing: return "tearing";
+    case SoundKind::kCrumpling:
+      return "crumpling";
+    case SoundKind::kFriction:
+      return "friction";
+    case SoundKind::kTearing:
+      return "tearing";
   }
   return "crumpling";
 }
@@ -185,7 +206,8 @@ tl::expected<Socket, Error> Socket::connect(std::shared_ptr<Context> context, Ro
                                             const Queues& queues) {
   void* handle = context->get() == nullptr ? nullptr : zmq_socket(context->get(), type_of(role));
   if (handle == nullptr)
-    return tl::unexpected(local_error("unreachable", std::string("ZeroMQ cannot make a socket: ") + zmq_strerror(errno) + ".",
+    return tl::unexpected(local_error("unreachable",
+                                      std::string("ZeroMQ cannot make a socket: ") + zmq_strerror(errno) + ".",
                                       "Raise the limit of open files, or close connections."));
   Socket socket(std::move(context), handle);
   set(handle, ZMQ_LINGER, kLingerMs);
@@ -204,8 +226,8 @@ tl::expected<Socket, Error> Socket::connect(std::shared_ptr<Context> context, Ro
   // A full queue is reported, so that the session decides between waiting and dropping.
   if (role == Role::kStream) set(handle, ZMQ_XPUB_NODROP, 1);
   if (zmq_connect(handle, endpoint.c_str()) != 0)
-    return tl::unexpected(local_error("invalid", endpoint + ": " + zmq_strerror(errno) + ".",
-                                      "Write tcp://HOST:PORT or ipc://PATH."));
+    return tl::unexpected(
+        local_error("invalid", endpoint + ": " + zmq_strerror(errno) + ".", "Write tcp://HOST:PORT or ipc://PATH."));
   return socket;
 }
 
@@ -256,7 +278,9 @@ bool Socket::send(const google::protobuf::MessageLite& only, std::chrono::millis
   return send_message(handle_, only, timeout.count() == 0 ? ZMQ_DONTWAIT : 0);
 }
 
-void Socket::subscribe(std::string_view topic) const { zmq_setsockopt(handle_, ZMQ_SUBSCRIBE, topic.data(), topic.size()); }
+void Socket::subscribe(std::string_view topic) const {
+  zmq_setsockopt(handle_, ZMQ_SUBSCRIBE, topic.data(), topic.size());
+}
 void Socket::unsubscribe(std::string_view topic) const {
   zmq_setsockopt(handle_, ZMQ_UNSUBSCRIBE, topic.data(), topic.size());
 }
@@ -289,10 +313,9 @@ tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
   request.set_request_id(next_request_++);
   const auto deadline = internal::Clock::now() + timeout_;
   const auto no_answer = [this] {
-    return tl::unexpected(
-        local_error("unreachable",
-                    "No answer from " + endpoints_.control + " within " + std::to_string(timeout_.count()) + " ms.",
-                    "Start rustled, or give the control endpoint it prints when it starts."));
+    return tl::unexpected(local_error(
+        "unreachable", "No answer from " + endpoints_.control + " within " + std::to_string(timeout_.count()) + " ms.",
+        "Start rustled, or give the control endpoint it prints when it starts."));
   };
   if (!control_.send(request, timeout_)) return no_answer();
   while (true) {

@@ -14,8 +14,8 @@
 /// SessionOptions say otherwise), in the session's axes; times are seconds of simulation time.
 namespace rustle::client {
 
-/// Why something did not succeed. `code` is v1::ErrorCode's number where the daemon refused (such as 7, "unknown_topology"); 0
-/// where it happened on this side: "unreachable", "timeout", "invalid", "closed".
+/// Why something did not succeed. `code` is v1::ErrorCode's number where the daemon refused (such as 7, "unknown_topology");
+/// 0 where it happened on this side: "unreachable", "timeout", "invalid", "closed".
 struct Error {
   int code = 0;
   std::string code_name{};
@@ -60,8 +60,8 @@ struct SessionOptions {
   std::uint64_t seed = 0;
   SynthesisMode mode = SynthesisMode::kCorrected;
   std::optional<double> playout_delay_s{};  ///< absent: the daemon's choice
-  std::uint32_t rate_hz = 0;              ///< 0: the daemon's
-  std::uint32_t block_size = 0;           ///< 0: the daemon's
+  std::uint32_t rate_hz = 0;                ///< 0: the daemon's
+  std::uint32_t block_size = 0;             ///< 0: the daemon's
   Channels channels = Channels::kStereo;
   std::string default_material{};  ///< empty: "printer-paper"
   bool record = false;
@@ -72,7 +72,7 @@ struct SessionOptions {
 struct Topology {
   std::uint64_t id = 1;
   std::uint32_t vertex_count = 0;
-  std::span<const std::uint32_t> triangles{};       ///< [T,3], counter-clockwise seen from the side the normals point to
+  std::span<const std::uint32_t> triangles{};     ///< [T,3], counter-clockwise seen from the side the normals point to
   std::span<const float> material_coordinates{};  ///< [V,2] or empty
   std::span<const float> rest_positions{};        ///< [V,3] or empty
 };
@@ -93,12 +93,12 @@ struct Contacts {
 
 /// The simulator's own partition into developable regions.
 struct Partition {
-  std::span<const std::uint32_t> triangle_regions{};    ///< [T], 0xffffffff: none
-  std::span<const std::uint8_t> region_curved{};        ///< [R]
-  std::span<const float> rulings{};                   ///< [L,6]
-  std::span<const std::uint32_t> ruling_regions{};    ///< [L]
-  std::span<const float> singular_points{};           ///< [S,3]
-  std::span<const std::uint8_t> singular_on_border{}; ///< [S] or empty
+  std::span<const std::uint32_t> triangle_regions{};   ///< [T], 0xffffffff: none
+  std::span<const std::uint8_t> region_curved{};       ///< [R]
+  std::span<const float> rulings{};                    ///< [L,6]
+  std::span<const std::uint32_t> ruling_regions{};     ///< [L]
+  std::span<const float> singular_points{};            ///< [S,3]
+  std::span<const std::uint8_t> singular_on_border{};  ///< [S] or empty
 };
 
 using Vector3 = std::array<double, 3>;
@@ -151,7 +151,7 @@ struct Obstacle {
   std::uint32_t id = 0;
   std::string name{};
   std::string surface_material{};  ///< empty: the sheet's touched_surface
-  bool reflecting = false;       ///< planes only
+  bool reflecting = false;         ///< planes only
   double reflection_coefficient = 1;
   std::variant<Plane, Box, Sphere, Capsule, Mesh> shape{};
   Pose pose{};

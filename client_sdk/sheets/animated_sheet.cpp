@@ -30,8 +30,8 @@ class MappedSheet : public AnimatedSheet {
     const auto& uv = mesh_.material_coordinates;
     assert(mask.size() == uv.size());
     for (std::size_t i = 0; i < uv.size(); ++i) {
-      mask[i] = animation_.is_held && animation_.is_held(within(time_s), static_cast<double>(uv[i][0]),
-                                                         static_cast<double>(uv[i][1]))
+      mask[i] = animation_.is_held &&
+                        animation_.is_held(within(time_s), static_cast<double>(uv[i][0]), static_cast<double>(uv[i][1]))
                     ? 1
                     : 0;
     }

@@ -217,7 +217,8 @@ std::vector<std::array<std::uint32_t, 3>> delaunay(std::span<const std::array<do
 
   const GridPoint first = grid[order[0].second];
   std::size_t second = 1;
-  while (second < order.size() && grid[order[second].second].x == first.x && grid[order[second].second].y == first.y) ++second;
+  while (second < order.size() && grid[order[second].second].x == first.x && grid[order[second].second].y == first.y)
+    ++second;
   if (second == order.size()) return {};
   std::size_t third = second + 1;
   while (third < order.size() && orientation(first, grid[order[second].second], grid[order[third].second]) == 0) ++third;

@@ -46,7 +46,7 @@ class Score {
 struct Staging {
   double duration_s;
   bool on_table;
-  Score back_x_m;           ///< of the back edge while the arch stands
+  Score back_x_m;  ///< of the back edge while the arch stands
   Score arch_rad;
   Score front_height_m, further_rise_rad, further_curvature_per_m;
   std::vector<WaveOptions> waves;
@@ -83,14 +83,13 @@ Animation animate(Staging staging) {
       swing += kSwing_rad * swell * std::sin(kTurn_rad * wave.frequency_hz * (t - wave.start_s));
     }
     // In the strip's own frame s runs from the front edge along +x; mirrored in x it runs toward the back.
-    const ArcCurve curve = strip_curve(kLength_m, {0, staging.front_height_m.at(t), -(rise + swing)},
-                                       [&](double s) {
-                                         double curvature = bend;
-                                         for (const WaveOptions& wave : staging.waves) {
-                                           curvature += wave_curvature_per_m(wave, kLength_m, s, t);
-                                         }
-                                         return curvature;
-                                       });
+    const ArcCurve curve = strip_curve(kLength_m, {0, staging.front_height_m.at(t), -(rise + swing)}, [&](double s) {
+      double curvature = bend;
+      for (const WaveOptions& wave : staging.waves) {
+        curvature += wave_curvature_per_m(wave, kLength_m, s, t);
+      }
+      return curvature;
+    });
     return [curve, front_x](double u, double v) -> Point3 {
       const ArcCurve::Pose pose = curve.at(kLength_m - u);
       return {front_x - pose.x_m, v - kWidth_m / 2, pose.z_m};
@@ -130,8 +129,16 @@ Animation snap_demo() {
   const Spring again = spring_up(3.0);
   spring.rise.insert(spring.rise.end(), again.rise.begin(), again.rise.end());
   spring.curvature.insert(spring.curvature.end(), again.curvature.begin(), again.curvature.end());
-  return animate({4.0, true, Score(0), Score(kArch_rad), Score(0), Score(0, spring.rise), Score(0, spring.curvature), {},
-                  {{0, 0.8}, {2.6, 3.0}}, {{0, 9}}});
+  return animate({4.0,
+                  true,
+                  Score(0),
+                  Score(kArch_rad),
+                  Score(0),
+                  Score(0, spring.rise),
+                  Score(0, spring.curvature),
+                  {},
+                  {{0, 0.8}, {2.6, 3.0}},
+                  {{0, 9}}});
 }
 
 WaveOptions shaking(double start_s, double end_s) {
@@ -146,8 +153,16 @@ constexpr double kShakeRise_rad = -0.3;
 constexpr double kSag_per_m = 1.2;
 
 Animation shake_demo() {
-  return animate({4.0, true, Score(0), Score(0), Score(kShakeHeight_m), Score(kShakeRise_rad), Score(kSag_per_m),
-                  {shaking(0.3, 3.2)}, {}, {{0, 9}}});
+  return animate({4.0,
+                  true,
+                  Score(0),
+                  Score(0),
+                  Score(kShakeHeight_m),
+                  Score(kShakeRise_rad),
+                  Score(kSag_per_m),
+                  {shaking(0.3, 3.2)},
+                  {},
+                  {{0, 9}}});
 }
 
 /// Flat until 0.3 s, bowed up until 1.7, slid from 1.9 to 3.0, released at 3.2, lifted from 3.9 to 4.6, shaken until 7.1.
@@ -157,15 +172,25 @@ Animation whole_demo() {
   Spring spring = spring_up(3.2);
   spring.rise.push_back({3.9, 4.6, kShakeRise_rad - kArch_rad});
   spring.curvature.push_back({3.9, 4.6, kSag_per_m - 2 * kArch_rad / kLength_m});
-  return animate({7.6, true, back, arch, Score(0, {{3.9, 4.6, kShakeHeight_m}}), Score(0, spring.rise),
-                  Score(0, spring.curvature), {shaking(4.5, 6.7)}, {{0, 3.2}}, {{0, 9}}});
+  return animate({7.6,
+                  true,
+                  back,
+                  arch,
+                  Score(0, {{3.9, 4.6, kShakeHeight_m}}),
+                  Score(0, spring.rise),
+                  Score(0, spring.curvature),
+                  {shaking(4.5, 6.7)},
+                  {{0, 3.2}},
+                  {{0, 9}}});
 }
 
 constexpr std::array<std::string_view, 5> kNames = {"bend_slide_snap_shake", "bend", "slide", "snap", "shake"};
 
 }  // namespace
 
-std::span<const std::string_view> demo_names() { return kNames; }
+std::span<const std::string_view> demo_names() {
+  return kNames;
+}
 
 std::unique_ptr<AnimatedSheet> make_demo(std::string_view name, std::size_t triangle_count, std::uint64_t seed) {
   if (std::find(kNames.begin(), kNames.end(), name) == kNames.end()) return nullptr;

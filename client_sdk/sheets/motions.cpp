@@ -22,7 +22,8 @@ double smooth_step_integral(double x) {
 }
 
 Point3 turn(const Point3& p, const Point3& axis_angle) {
-  const double angle = std::sqrt(axis_angle[0] * axis_angle[0] + axis_angle[1] * axis_angle[1] + axis_angle[2] * axis_angle[2]);
+  const double angle =
+      std::sqrt(axis_angle[0] * axis_angle[0] + axis_angle[1] * axis_angle[1] + axis_angle[2] * axis_angle[2]);
   if (angle == 0) return p;
   const Point3 k = {axis_angle[0] / angle, axis_angle[1] / angle, axis_angle[2] / angle};
   const double c = std::cos(angle);
@@ -110,9 +111,8 @@ std::unique_ptr<AnimatedSheet> make_shake(SheetMesh mesh, const ShakeOptions& op
                          smooth_step((t - options.wave.end_s) / options.wave.ramp_s);
     const double swing =
         options.swing_rad * swell * std::sin(kTurn_rad * options.wave.frequency_hz * (t - options.wave.start_s));
-    const ArcCurve curve =
-        strip_curve(size.width_m, {0, options.height_m, options.heading_rad + swing},
-                    [&](double s) { return wave_curvature_per_m(options.wave, size.width_m, s, t); });
+    const ArcCurve curve = strip_curve(size.width_m, {0, options.height_m, options.heading_rad + swing},
+                                       [&](double s) { return wave_curvature_per_m(options.wave, size.width_m, s, t); });
     return [curve, size](double u, double v) -> Point3 {
       const ArcCurve::Pose pose = curve.at(u);
       return {pose.x_m, v - size.height_m / 2, pose.z_m};

@@ -27,9 +27,9 @@ struct RigidMotionOptions {
 struct ReversalOptions {
   RectangleSize size;
   double curvature_per_m = 5;
-  double start_s = 0.5;     ///< still before
+  double start_s = 0.5;  ///< still before
   double reversal_s = 0.2;
-  double rest_s = 0.5;      ///< still after
+  double rest_s = 0.5;  ///< still after
 
   double zero_time_s() const { return start_s + reversal_s / 2; }
   double curvature_at_per_m(double time_s) const;
@@ -43,8 +43,8 @@ struct SlideOptions {
   double curvature_per_m = 0;
   double speed_m_per_s = 0.1;
   double ramp_s = 0.1;
-  double duration_s = 1;     ///< ramps included
-  double height_m = 0;       ///< gap under the sheet, as simulators leave one
+  double duration_s = 1;  ///< ramps included
+  double height_m = 0;    ///< gap under the sheet, as simulators leave one
 
   double speed_at_m_per_s(double time_s) const;
   double distance_at_m(double time_s) const;
@@ -70,7 +70,7 @@ struct ShakeOptions {
   WaveOptions wave;
   double height_m = 0.4;
   double heading_rad = 0.5;
-  double swing_rad = 0.2;    ///< of the held edge, with the wave
+  double swing_rad = 0.2;  ///< of the held edge, with the wave
   double duration_s = 3.5;
 };
 [[nodiscard]] std::unique_ptr<AnimatedSheet> make_shake(SheetMesh mesh, const ShakeOptions& options);

@@ -8,8 +8,8 @@
 namespace rustle::sheets {
 
 struct SheetMesh {
-  std::vector<std::array<std::uint32_t, 3>> triangles;             ///< counter-clockwise in the material plane
-  std::vector<std::array<float, 2>> material_coordinates;          ///< metres; [V]
+  std::vector<std::array<std::uint32_t, 3>> triangles;     ///< counter-clockwise in the material plane
+  std::vector<std::array<float, 2>> material_coordinates;  ///< metres; [V]
 };
 
 enum class MeshKind {

@@ -12,13 +12,15 @@ namespace {
 
 constexpr double kRidgeLength_m = 1e-7;  ///< a sharp fold is an arc this short
 
-double sinc(double x) { return std::abs(x) < 1e-4 ? 1 - x * x / 6 : std::sin(x) / x; }
+double sinc(double x) {
+  return std::abs(x) < 1e-4 ? 1 - x * x / 6 : std::sin(x) / x;
+}
 
 ArcCurve::Pose advance(const ArcCurve::Pose& from, double curvature_per_m, double distance_m) {
   const double half_turn = 0.5 * curvature_per_m * distance_m;
   const double chord = distance_m * sinc(half_turn);
-  return {from.x_m + chord * std::cos(from.heading_rad + half_turn), from.z_m - chord * std::sin(from.heading_rad + half_turn),
-          from.heading_rad + curvature_per_m * distance_m};
+  return {from.x_m + chord * std::cos(from.heading_rad + half_turn),
+          from.z_m - chord * std::sin(from.heading_rad + half_turn), from.heading_rad + curvature_per_m * distance_m};
 }
 
 ArcCurve curve_with_ridges(const std::vector<double>& breaks, const std::vector<double>& curvatures,
@@ -105,7 +107,9 @@ ArcCurve::Pose ArcCurve::at(double s_m) const {
   return advance(poses_[k], curvatures_per_m_[k], s_m - origin_s_m_[k]);
 }
 
-double ArcCurve::curvature_per_m(double s_m) const { return curvatures_per_m_[piece(s_m)]; }
+double ArcCurve::curvature_per_m(double s_m) const {
+  return curvatures_per_m_[piece(s_m)];
+}
 
 BentShape::BentShape(double width_m, double height_m, double angle_rad, std::vector<double> breaks_m,
                      std::vector<double> curvatures_per_m, std::span<const Ridge> ridges)

@@ -82,8 +82,8 @@ class ConeShape : public Shape {
   double half_angle_rad_, middle_rad_;
 };
 
-/// Radius of the arc of this length whose chord is (1 - compression) times as long: sin(x)/x = 1 - compression, R = length/2x.
-/// \pre 0 < compression < 1
+/// Radius of the arc of this length whose chord is (1 - compression) times as long: sin(x)/x = 1 - compression, R =
+/// length/2x. \pre 0 < compression < 1
 [[nodiscard]] double radius_from_compression_m(double length_m, double compression);
 
 struct NamedShape {

@@ -28,8 +28,8 @@ constexpr double kParallel = 0.9999;
 constexpr double kPlaneTolerance = 0.03;  ///< of the radius
 
 Vec3d at(std::span<const Vec3f> positions_m, const Triangle& triangle, const Vec3d& barycentric) {
-  return barycentric[0] * positions_m[triangle[0]].cast<double>() + barycentric[1] * positions_m[triangle[1]].cast<double>() +
-         barycentric[2] * positions_m[triangle[2]].cast<double>();
+  return barycentric[0] * positions_m[triangle[0]].cast<double>() +
+         barycentric[1] * positions_m[triangle[1]].cast<double>() + barycentric[2] * positions_m[triangle[2]].cast<double>();
 }
 
 /// Sums over samples, by vertex.
@@ -86,8 +86,8 @@ class Measurement {
         weight_(weight),
         radius_m_(radius_m),
         margin_m_(surface.range_beyond_m()),
-        asked_(topology_.vertex_count(), false),
         corners_(topology_.vertex_count()),
+        lumped_m2_(topology_.vertex_count(), 0.0),
         sums_(topology_.vertex_count()) {}
 
   ContactPatch run() {
@@ -99,22 +99,30 @@ class Measurement {
           t, {positions_m_[v[0]].cast<double>(), positions_m_[v[1]].cast<double>(), positions_m_[v[2]].cast<double>()}};
       if (surface_.approach(triangle, radius_m_)) measure(triangle, area_m2);
     }
+    for (std::uint32_t v = 0; v < topology_.vertex_count(); ++v) {
+      if (lumped_m2_[v] <= 0) continue;
+      const Touch& touch = *corners_[v].touch;
+      const Vec3d slip = velocities_.known(v) && touch.velocity_known
+                             ? tangential(velocities_.velocities_m_per_s[v] - touch.velocity_m_per_s, touch)
+                             : Vec3d::Zero();
+      sums_.add(v, lumped_m2_[v], slip, touch.triangle);
+    }
     return sums_.patch();
   }
 
  private:
   struct Corner {
+    double weight = kUnasked;
     std::optional<Touch> touch;
-    double weight = 0;
   };
+  static constexpr double kUnasked = -1;
 
   const Corner& corner(std::uint32_t t, std::size_t k) {
     const std::uint32_t vertex = topology_.triangles()[t][k];
-    if (!asked_[vertex]) {
-      asked_[vertex] = true;
+    if (corners_[vertex].weight == kUnasked) {
       Corner& made = corners_[vertex];
-      made.touch = surface_.touch(positions_m_[vertex].cast<double>(), {t, Vec3d::Unit(static_cast<int>(k))},
-                                  radius_m_ + margin_m_);
+      made.touch =
+          surface_.touch(positions_m_[vertex].cast<double>(), {t, Vec3d::Unit(static_cast<int>(k))}, radius_m_ + margin_m_);
       made.weight = made.touch ? weight_.at(made.touch->distance_m, radius_m_) : 0.0;
     }
     return corners_[vertex];
@@ -146,8 +154,8 @@ class Measurement {
     const bool linear = reached < 3 && faces_a_plane(triangle, corners);
     int n = 1;
     if (linear) {
-      const auto [low, high] = std::minmax(
-          {corners[0]->touch->distance_m, corners[1]->touch->distance_m, corners[2]->touch->distance_m});
+      const auto [low, high] =
+          std::minmax({corners[0]->touch->distance_m, corners[1]->touch->distance_m, corners[2]->touch->distance_m});
       if (low >= radius_m_) return;
       n = samples_along((high - low) / (kSampleHeights * radius_m_));
     } else if (reached < 3) {
@@ -161,9 +169,7 @@ class Measurement {
     }
     if (n == 1) {
       for (std::size_t k = 0; k < 3; ++k) {
-        if (corners[k]->weight <= 0) continue;
-        const Vec3d slip = slip_m_per_s(triangle, Vec3d::Unit(static_cast<int>(k)), *corners[k]->touch);
-        sums_.add(triangle[k], corners[k]->weight * area_m2 / 3, slip, corners[k]->touch->triangle);
+        if (corners[k]->weight > 0) lumped_m2_[triangle[k]] += corners[k]->weight * area_m2 / 3;
       }
       return;
     }
@@ -233,7 +239,11 @@ class Measurement {
       if (!velocities_.known(triangle[k])) return Vec3d::Zero();
       velocity += share * velocities_.velocities_m_per_s[triangle[k]];
     }
-    return velocity - touch.normal * touch.normal.dot(velocity);
+    return tangential(velocity, touch);
+  }
+
+  static Vec3d tangential(const Vec3d& velocity_m_per_s, const Touch& touch) {
+    return velocity_m_per_s - touch.normal * touch.normal.dot(velocity_m_per_s);
   }
 
   const ContactGeometry& geometry_;
@@ -243,9 +253,9 @@ class Measurement {
   const VertexVelocities& velocities_;
   const ContactWeight& weight_;
   double radius_m_;
-  double margin_m_;  ///< distances from corners are known this far beyond the radius
-  std::vector<bool> asked_;
-  std::vector<Corner> corners_;
+  double margin_m_;                ///< distances from corners are known this far beyond the radius
+  std::vector<Corner> corners_;    ///< [V]
+  std::vector<double> lumped_m2_;  ///< [V], contact area of triangles with all corners within reach
   Accumulator sums_;
 };
 
@@ -265,7 +275,9 @@ bool apart_by_plane(const std::array<Vec3d, 3>& a, const std::array<Vec3d, 3>& b
   return (d0 > limit && d1 > limit && d2 > limit) || (d0 < -limit && d1 < -limit && d2 < -limit);
 }
 
-double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Vec2d& a, const Vec2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 }  // namespace
 
@@ -281,8 +293,7 @@ void ContactGeometry::update(const sheet::MeshFrame& mesh_frame) {
   cross_products_m2.resize(triangles.size());
   for (std::size_t t = 0; t < triangles.size(); ++t) {
     const Vec3f& a = mesh_frame.positions_m[triangles[t][0]];
-    cross_products_m2[t] =
-        (mesh_frame.positions_m[triangles[t][1]] - a).cross(mesh_frame.positions_m[triangles[t][2]] - a);
+    cross_products_m2[t] = (mesh_frame.positions_m[triangles[t][1]] - a).cross(mesh_frame.positions_m[triangles[t][2]] - a);
   }
   double area_m2 = 0;
   for (const Vec3f& c : cross_products_m2) area_m2 += 0.5 * static_cast<double>(c.norm());
@@ -298,7 +309,7 @@ ContactPatch measure_contact(const ContactGeometry& geometry, ContactSurface& su
 }
 
 bool ObstacleContact::approach(const SheetTriangle& triangle, double radius_m) {
-  return obstacle_.may_meet(box_around(triangle, radius_m));
+  return obstacle_.is_plane() || obstacle_.may_meet(box_around(triangle, radius_m));
 }
 
 std::optional<Touch> ObstacleContact::touch(const Vec3d& point_m, const SheetSpot&, double radius_m) {
@@ -461,9 +472,8 @@ const std::vector<std::uint32_t>& SurfaceDistance::triangles_around(std::uint32_
       const std::uint32_t t = triangles_of_vertex_[k];
       const Triangle& w = topology_->triangles()[t];
       const bool first = v == std::min({w[0], w[1], w[2]});
-      if (first && std::all_of(w.begin(), w.end(), [&](std::uint32_t c) {
-            return std::binary_search(shared.begin(), shared.end(), c);
-          })) {
+      if (first && std::all_of(w.begin(), w.end(),
+                               [&](std::uint32_t c) { return std::binary_search(shared.begin(), shared.end(), c); })) {
         around.push_back(t);
       }
     }
@@ -472,8 +482,8 @@ const std::vector<std::uint32_t>& SurfaceDistance::triangles_around(std::uint32_
   return around;
 }
 
-SheetContact::SheetContact(const sheet::Topology& topology, std::vector<Vec3f> positions_m, const VertexVelocities& velocities,
-                           double radius_m, SurfaceDistance* same_sheet)
+SheetContact::SheetContact(const sheet::Topology& topology, std::vector<Vec3f> positions_m,
+                           const VertexVelocities& velocities, double radius_m, SurfaceDistance* same_sheet)
     : topology_(topology), positions_m_(std::move(positions_m)), velocities_(velocities), same_sheet_(same_sheet) {
   double extent_m = 0;
   for (const Triangle& triangle : topology_.triangles()) {
@@ -603,11 +613,13 @@ bool surely_unfolded(const ContactGeometry& geometry) {
     const Vec2d end(across.dot(b), other.dot(b));
     sides.push_back({start, end, edge.start, edge.end, std::min(start.x(), end.x()), std::max(start.x(), end.x())});
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return a.low < b.low; });
-  for (std::size_t i = 0; i < sides.size(); ++i) {
-    const Side& a = sides[i];
-    for (std::size_t j = i + 1; j < sides.size() && sides[j].low <= a.high; ++j) {
-      const Side& b = sides[j];
+  std::vector<std::pair<double, std::uint32_t>> order;
+  for (std::uint32_t i = 0; i < sides.size(); ++i) order.emplace_back(sides[i].low, i);
+  std::sort(order.begin(), order.end());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const Side& a = sides[order[i].second];
+    for (std::size_t j = i + 1; j < order.size() && order[j].first <= a.high; ++j) {
+      const Side& b = sides[order[j].second];
       if (std::max(a.start.y(), a.end.y()) < std::min(b.start.y(), b.end.y())) continue;
       if (std::max(b.start.y(), b.end.y()) < std::min(a.start.y(), a.end.y())) continue;
       if (a.first == b.first || a.first == b.last || a.last == b.first || a.last == b.last) continue;

@@ -36,7 +36,7 @@ struct Touch {
   sheet::Vec3d side_normal = sheet::Vec3d::UnitZ();  ///< the same, toward the side where the point is
   sheet::Vec3d velocity_m_per_s = sheet::Vec3d::Zero();
   bool velocity_known = true;
-  std::uint32_t triangle = sheet::kNone;        ///< of the partner, if it has any
+  std::uint32_t triangle = sheet::kNone;  ///< of the partner, if it has any
 };
 
 /// A triangle of the sheet with its corners.
@@ -66,17 +66,15 @@ struct VertexVelocities {
   std::vector<sheet::Vec3d> velocities_m_per_s;
   std::vector<bool> unknown;  ///< [V] or empty: all are known
 
-  bool known(std::uint32_t vertex) const {
-    return !velocities_m_per_s.empty() && (unknown.empty() || !unknown[vertex]);
-  }
+  bool known(std::uint32_t vertex) const { return !velocities_m_per_s.empty() && (unknown.empty() || !unknown[vertex]); }
 };
 
 /// Contact of one sheet with one partner, by vertex.
 struct ContactPatch {
-  std::vector<std::uint32_t> vertices;              ///< that touch, ascending
-  std::vector<double> areas_m2;                     ///< contact area of each
-  std::vector<sheet::Vec3d> slips_m_per_s;          ///< tangential, relative to the partner
-  std::vector<std::uint32_t> partner_triangles;     ///< one that each touches, or kNone
+  std::vector<std::uint32_t> vertices;           ///< that touch, ascending
+  std::vector<double> areas_m2;                  ///< contact area of each
+  std::vector<sheet::Vec3d> slips_m_per_s;       ///< tangential, relative to the partner
+  std::vector<std::uint32_t> partner_triangles;  ///< one that each touches, or kNone
 };
 
 /// The frame's geometry, made once for all partners.
@@ -90,9 +88,10 @@ struct ContactGeometry {
 };
 
 /// Integrates the contact weight over the sheet: a triangle with all corners within reach by its corners, one partly within
-/// reach by samples a fraction of the radius apart (at most 16 x 16), whose distance is interpolated where the partner is one
-/// plane as seen from the corners and asked for elsewhere. Unknown velocities give no slip. O(T) plus the samples.
-ContactPatch measure_contact(const ContactGeometry& geometry, ContactSurface& surface, const VertexVelocities& velocities, const ContactWeight& weight, double radius_m);
+/// reach by samples a fraction of the radius apart (at most 16 x 16), whose distance is interpolated where the partner is
+/// one plane as seen from the corners and asked for elsewhere. Unknown velocities give no slip. O(T) plus the samples.
+ContactPatch measure_contact(const ContactGeometry& geometry, ContactSurface& surface, const VertexVelocities& velocities,
+                             const ContactWeight& weight, double radius_m);
 
 /// An obstacle as a partner.
 class ObstacleContact : public ContactSurface {
@@ -136,16 +135,16 @@ class SurfaceDistance {
   std::shared_ptr<const sheet::Topology> topology_;
   double least_m_;
   bool connected_ = true;
-  std::vector<double> exclusion_m_;      ///< [T]
-  std::vector<sheet::Vec2d> centre_m_;   ///< [T], material
-  std::vector<double> extent_m_;         ///< [T], from the centre to the farthest corner
+  std::vector<double> exclusion_m_;     ///< [T]
+  std::vector<sheet::Vec2d> centre_m_;  ///< [T], material
+  std::vector<double> extent_m_;        ///< [T], from the centre to the farthest corner
   struct Link {
     std::uint32_t vertex;
     double length_m;
   };
   std::vector<std::uint32_t> link_start_;
   std::vector<Link> links_;
-  std::vector<double> vertex_exclusion_m_;  ///< [V], the greatest around
+  std::vector<double> vertex_exclusion_m_;                    ///< [V], the greatest around
   std::vector<std::vector<std::uint32_t>> vertices_around_;   ///< [V], made when asked for
   std::vector<std::vector<std::uint32_t>> triangles_around_;  ///< [T], made when asked for
   std::vector<std::uint32_t> triangle_start_, triangles_of_vertex_;
@@ -179,7 +178,7 @@ class SheetContact : public ContactSurface {
     std::array<sheet::Vec3d, 3> corners_m;
     sheet::Vec3d normal = sheet::Vec3d::Zero();  ///< unit length
     sheet::Vec3d centre_m = sheet::Vec3d::Zero();
-    double extent_m = 0;                         ///< of the corners from the centre
+    double extent_m = 0;  ///< of the corners from the centre
   };
   static void complete(Candidate& candidate);
   Touch touch_at(const sheet::Vec3d& point_m, const Candidate& candidate, const scene::TrianglePoint& on) const;
@@ -189,9 +188,8 @@ class SheetContact : public ContactSurface {
   std::size_t visited_ = 0;
 };
 
-/// True: no two parts of the sheet lie on top of each other. Then all normals are within 84° of their mean, and the border seen
-/// along it does not cross itself. Conservative. O(T + B log B + crossings in x).
-/// \pre the sheet is in one piece
+/// True: no two parts of the sheet lie on top of each other. Then all normals are within 84° of their mean, and the border
+/// seen along it does not cross itself. Conservative. O(T + B log B + crossings in x). \pre the sheet is in one piece
 bool surely_unfolded(const ContactGeometry& geometry);
 
 }  // namespace rustle::analysis

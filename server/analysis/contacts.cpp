@@ -47,9 +47,8 @@ class MaterialLocator {
     const Vec3d reach = Vec3d::Constant(tolerance_m);
     grid_.visit_box(Box(Vec3d(query - reach), Vec3d(query + reach)), [&](std::uint32_t t) {
       const Triangle& v = topology_.triangles()[t];
-      const scene::TrianglePoint on =
-          scene::closest_on_triangle(query, flat_m_[v[0]].cast<double>(), flat_m_[v[1]].cast<double>(),
-                                     flat_m_[v[2]].cast<double>());
+      const scene::TrianglePoint on = scene::closest_on_triangle(query, flat_m_[v[0]].cast<double>(),
+                                                                 flat_m_[v[1]].cast<double>(), flat_m_[v[2]].cast<double>());
       const double distance2 = (query - on.position_m).squaredNorm();
       if (distance2 > best2 || (best && distance2 == best2)) return true;
       best2 = distance2;
@@ -177,12 +176,13 @@ void sound_once(const Topology& topology, const ContactPatch& patch, std::span<c
   contacts = std::move(kept);
 }
 
-std::vector<double> dual_areas_m2(const ContactGeometry& geometry) {
-  const Topology& topology = *geometry.frame->topology;
+/// A third of every triangle around a vertex. [V]
+std::vector<double> dual_areas_m2(const Topology& topology, std::span<const Vec3f> positions_m) {
   std::vector<double> areas_m2(topology.vertex_count(), 0.0);
-  for (std::size_t t = 0; t < topology.triangle_count(); ++t) {
-    const double share = static_cast<double>(geometry.cross_products_m2[t].norm()) / 6;
-    for (const std::uint32_t v : topology.triangles()[t]) areas_m2[v] += share;
+  for (const Triangle& t : topology.triangles()) {
+    const Vec3f& a = positions_m[t[0]];
+    const double share = static_cast<double>((positions_m[t[1]] - a).cross(positions_m[t[2]] - a).norm()) / 6;
+    for (const std::uint32_t v : t) areas_m2[v] += share;
   }
   return areas_m2;
 }
@@ -281,7 +281,10 @@ bool lists_sheet(const MeshFrame& frame, sheet::SheetId id) {
 class SentContacts {
  public:
   SentContacts(const Work& work, std::map<sheet::ObstacleId, scene::ObstacleSurface>& surfaces, double longest_s)
-      : work_(work), surfaces_(surfaces), longest_s_(longest_s), dual_m2_(dual_areas_m2(work.geometry)) {}
+      : work_(work),
+        surfaces_(surfaces),
+        longest_s_(longest_s),
+        dual_m2_(dual_areas_m2(*work.frame.topology, work.frame.positions_m)) {}
 
   void add_to(std::vector<FrictionContact>& out) {
     const auto order = [](const ContactPartner& partner) {
@@ -325,8 +328,8 @@ class SentContacts {
       forces_n.push_back(entry.force_n);
     }
     const auto component = connected_components(*work_.frame.topology, patch.vertices);
-    auto contacts = contacts_of(work_.frame, patch, partner,
-                                surface_of(work_.surroundings, partner, work_.frame.sheet), component);
+    auto contacts =
+        contacts_of(work_.frame, patch, partner, surface_of(work_.surroundings, partner, work_.frame.sheet), component);
     std::vector<std::size_t> place(contacts.size(), 0);
     for (std::size_t k = 0; k < component.size(); ++k) {
       FrictionContact& contact = contacts[component[k]];
@@ -347,17 +350,14 @@ class SentContacts {
     const double range_m = 10 * work_.radius_m;
     if (const auto* obstacle = std::get_if<sheet::ObstaclePartner>(&partner)) {
       const auto found = surfaces_.find(obstacle->id);
-      const auto closest =
-          found == surfaces_.end() ? std::nullopt : found->second.closest(point_m, range_m);
+      const auto closest = found == surfaces_.end() ? std::nullopt : found->second.closest(point_m, range_m);
       if (closest) return tangential(velocity - found->second.velocity_m_per_s(*closest), closest->normal);
-    } else if (const NeighbourSheet* other =
-                   find_neighbour(work_.surroundings, std::get<sheet::SheetPartner>(partner).id)) {
+    } else if (const NeighbourSheet* other = find_neighbour(work_.surroundings, std::get<sheet::SheetPartner>(partner).id)) {
       auto [surface, made] = sheets_.try_emplace(other->id);
       if (made) {
         surface->second.now = neighbour_now(*other, work_, longest_s_);
-        surface->second.contact =
-            std::make_unique<SheetContact>(*other->frame->topology, surface->second.now.positions_m,
-                                           surface->second.now.velocities, range_m, nullptr);
+        surface->second.contact = std::make_unique<SheetContact>(*other->frame->topology, surface->second.now.positions_m,
+                                                                 surface->second.now.velocities, range_m, nullptr);
       }
       if (!surface->second.now.velocity_known) return Vec3d::Zero();
       const auto touch = surface->second.contact->closest(point_m, range_m);
@@ -439,7 +439,8 @@ std::vector<FrictionContact> ContactTracker::update(const MeshFrame& frame, cons
   const Box reach = grown(work.geometry.bounds_m, contact_radius_m);
   if (surroundings.scene) {
     std::erase_if(state_.surfaces, [&](const auto& entry) { return !surroundings.scene->find(entry.first); });
-    for (const auto& [id, track] : surroundings.scene->obstacles()) state_.surfaces[id].update(track, frame.time_s, work.over_s);
+    for (const auto& [id, track] : surroundings.scene->obstacles())
+      state_.surfaces[id].update(track, frame.time_s, work.over_s);
   } else {
     state_.surfaces.clear();
   }
@@ -454,8 +455,8 @@ std::vector<FrictionContact> ContactTracker::update(const MeshFrame& frame, cons
       make_velocities();
       const ContactPartner partner = sheet::ObstaclePartner{id};
       ObstacleContact contact(obstacle, work.geometry.usual_edge_m);
-      add_patch(work, measure_contact(work.geometry, contact, work.velocities, parameters_.weight, contact_radius_m), partner,
-                surface_of(surroundings, partner, frame.sheet), false, contacts);
+      add_patch(work, measure_contact(work.geometry, contact, work.velocities, parameters_.weight, contact_radius_m),
+                partner, surface_of(surroundings, partner, frame.sheet), false, contacts);
     }
     const double least_m = parameters_.self_exclusion_radii * contact_radius_m;
     if (!state_.along_surface || state_.along_surface->topology() != frame.topology ||
@@ -506,7 +507,8 @@ void ContactTracker::keep_identities(std::vector<FrictionContact>& contacts, con
   std::vector<std::optional<std::uint64_t>> id(contacts.size());
   std::vector<bool> taken(before.size(), false);
   const auto assign = [&](std::vector<Overlap>& overlaps) {
-    std::stable_sort(overlaps.begin(), overlaps.end(), [](const Overlap& a, const Overlap& b) { return a.area_m2 > b.area_m2; });
+    std::stable_sort(overlaps.begin(), overlaps.end(),
+                     [](const Overlap& a, const Overlap& b) { return a.area_m2 > b.area_m2; });
     for (const Overlap& overlap : overlaps) {
       if (id[overlap.contact] || taken[overlap.episode]) continue;
       id[overlap.contact] = before[overlap.episode].id;
@@ -538,7 +540,8 @@ void ContactTracker::keep_identities(std::vector<FrictionContact>& contacts, con
     if (taken[e]) continue;
     std::vector<Vec3d> expected_m = before[e].positions_m;
     for (Vec3d& p : expected_m) p += interval_s * before[e].slip_m_per_s;
-    const double spacing_m = std::sqrt(before[e].dual_area_m2 / std::max<double>(1.0, static_cast<double>(expected_m.size())));
+    const double spacing_m =
+        std::sqrt(before[e].dual_area_m2 / std::max<double>(1.0, static_cast<double>(expected_m.size())));
     const double within_m = std::max(reach_m, 1.5 * spacing_m);
     std::optional<sheet::PointGrid<3>> grid;
     for (std::size_t c = 0; c < contacts.size(); ++c) {
@@ -557,15 +560,8 @@ void ContactTracker::keep_identities(std::vector<FrictionContact>& contacts, con
   }
   assign(overlaps);
 
-  std::vector<double> dual_m2(frame.positions_m.size(), 0.0);
-  if (!contacts.empty()) {
-    for (const Triangle& t : frame.topology->triangles()) {
-      const Vec3f& a = frame.positions_m[t[0]];
-      const double third =
-          static_cast<double>((frame.positions_m[t[1]] - a).cross(frame.positions_m[t[2]] - a).norm()) / 6;
-      for (const std::uint32_t v : t) dual_m2[v] += third;
-    }
-  }
+  std::vector<double> dual_m2;
+  if (!contacts.empty()) dual_m2 = dual_areas_m2(*frame.topology, frame.positions_m);
   std::vector<Episode> now;
   std::vector<FrictionContact> reported;
   for (std::size_t c = 0; c < contacts.size(); ++c) {
@@ -578,8 +574,7 @@ void ContactTracker::keep_identities(std::vector<FrictionContact>& contacts, con
     }
     const bool detected = contact.source == Source::kDetected;
     const bool tiny = detected && contact.area_m2 < parameters_.least_area_m2;
-    const bool lone =
-        detected && contact.vertices.size() == 1 && episode.dual_area_m2 < parameters_.least_single_area_m2;
+    const bool lone = detected && contact.vertices.size() == 1 && episode.dual_area_m2 < parameters_.least_single_area_m2;
     if (id[c] && *id[c] != 0) {
       contact.id = *id[c];
     } else if (!tiny && (id[c] || !lone)) {
@@ -593,6 +588,8 @@ void ContactTracker::keep_identities(std::vector<FrictionContact>& contacts, con
   contacts = std::move(reported);
 }
 
-void ContactTracker::reset() { state_ = State(); }
+void ContactTracker::reset() {
+  state_ = State();
+}
 
 }  // namespace rustle::analysis

@@ -17,11 +17,11 @@ namespace rustle::analysis {
 
 struct ContactParameters {
   ContactWeight weight;
-  double self_exclusion_radii = 3.0;          ///< parts nearer along the surface than this many contact radii,
-  double self_exclusion_edges = 2.5;          ///< or this many local edge lengths, do not touch each other
-  double least_single_area_m2 = 0.2e-4;       ///< a lone vertex with a smaller dual area must touch in two frames running
-  double least_area_m2 = 0.02e-4;             ///< no episode begins with a smaller contact area
-  double longest_extrapolation_s = 0.05;      ///< a neighbour sheet's newest frame is moved on by its velocity no longer
+  double self_exclusion_radii = 3.0;      ///< parts nearer along the surface than this many contact radii,
+  double self_exclusion_edges = 2.5;      ///< or this many local edge lengths, do not touch each other
+  double least_single_area_m2 = 0.2e-4;   ///< a lone vertex with a smaller dual area must touch in two frames running
+  double least_area_m2 = 0.02e-4;         ///< no episode begins with a smaller contact area
+  double longest_extrapolation_s = 0.05;  ///< a neighbour sheet's newest frame is moved on by its velocity no longer
 };
 
 /// Friction events of one sheet (P1): vertices within the contact radius of an obstacle, of another sheet or of another part
@@ -29,8 +29,8 @@ struct ContactParameters {
 ///
 /// Where only part of a triangle is within reach it is sampled, so that area and speed do not depend on the resolution:
 ///   A_i = Σ_samples a w(d) φ_i,   speed = Σ A_i |v_i| / Σ A_i
-/// with a the sample's area, d its distance, w the weight (ContactWeight), φ its share of the touching vertices of its triangle, and
-/// v_i the tangential velocity relative to the partner: mean direction and mean speed over the samples of i.
+/// with a the sample's area, d its distance, w the weight (ContactWeight), φ its share of the touching vertices of its
+/// triangle, and v_i the tangential velocity relative to the partner: mean direction and mean speed over the samples of i.
 /// Velocities are those sent, else positions differenced in double against the previous frame; after a change of topology
 /// against the place of the same material point in the previous mesh, or without material coordinates taken as that of the
 /// partner for one frame (speed 0). An obstacle's velocity is meant over the same interval, so one that carries the sheet is

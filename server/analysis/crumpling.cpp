@@ -18,7 +18,9 @@ constexpr double kLeastInterval_s = 1e-9;
 constexpr double kOldestCrossing_s = 0.25;
 constexpr double kLeastChange_per_m = 1e-9;
 
-std::int8_t side_of(float h, double band) { return h > band ? 1 : h < -band ? -1 : 0; }
+std::int8_t side_of(float h, double band) {
+  return h > band ? 1 : h < -band ? -1 : 0;
+}
 
 void begin(const CrumplingInputs& in, const Parameters& parameters, CrumplingState& state) {
   const std::size_t n = in.positions_m.size();
@@ -46,7 +48,8 @@ struct PastCurvature {
     const auto &a = past[k], &b = past[std::min(k + 1, past.size() - 1)];
     before = &a.curvature_per_m;
     after = &b.curvature_per_m;
-    share = b.time_s <= a.time_s ? 0.0f : static_cast<float>(std::clamp((time_s - a.time_s) / (b.time_s - a.time_s), 0.0, 1.0));
+    share =
+        b.time_s <= a.time_s ? 0.0f : static_cast<float>(std::clamp((time_s - a.time_s) / (b.time_s - a.time_s), 0.0, 1.0));
   }
   double operator[](std::size_t i) const { return (*before)[i] + share * ((*after)[i] - (*before)[i]); }
 };
@@ -114,7 +117,8 @@ class FlipFinder {
     const auto consider = [&](std::uint32_t j) {
       if (state_.flipped_to[j] != way || state_.flipped_in[j] == 0) return;
       const Younger other{state_.flipped_s[j], state_.flipped_in[j]};
-      if (other.time_s > youngest.time_s || (other.time_s == youngest.time_s && other.event > youngest.event)) youngest = other;
+      if (other.time_s > youngest.time_s || (other.time_s == youngest.time_s && other.event > youngest.event))
+        youngest = other;
     };
     for (std::uint32_t i : flip) for_neighbours(i, consider);
     return youngest;
@@ -133,8 +137,8 @@ class FlipFinder {
   std::vector<bool> member_;
 };
 
-CrumplingEvent describe(const std::vector<std::uint32_t>& flip, const std::vector<float>& areas_m2, const PastCurvature& past,
-                        const CrumplingInputs& in, const CrumplingState& state) {
+CrumplingEvent describe(const std::vector<std::uint32_t>& flip, const std::vector<float>& areas_m2,
+                        const PastCurvature& past, const CrumplingInputs& in, const CrumplingState& state) {
   CrumplingEvent event;
   event.confirmed_s = in.time_s;
   event.direction = state.now_per_m[flip[0]] > 0 ? 1 : -1;
@@ -210,9 +214,11 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
   }
   std::vector<std::uint32_t> silent;  // seeds that the new mesh alone may have made
   std::erase_if(state.seeds, [&](std::uint32_t i) {
-    const double band = parameters.event_band_per_m + parameters.event_band_relative * bending_per_m(in.stencils, in.angles_rad, i);
+    const double band =
+        parameters.event_band_per_m + parameters.event_band_relative * bending_per_m(in.stencils, in.angles_rad, i);
     if (std::fabs(now[i]) <= band) return true;
-    const bool held = !touched.empty() && ((touched[i] && std::fabs(before[i]) <= band) || (in.remade_are_silent && (*in.remade)[i]));
+    const bool held =
+        !touched.empty() && ((touched[i] && std::fabs(before[i]) <= band) || (in.remade_are_silent && (*in.remade)[i]));
     if (held) silent.push_back(i);
     return held;
   });
@@ -274,7 +280,8 @@ void carry(const sheet::Transfer& transfer, CrumplingState& state) {
     std::vector<float> out(transfer.origins.size());
     for (std::size_t i = 0; i < out.size(); ++i) {
       const auto& o = transfer.origins[i];
-      out[i] = o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
+      out[i] =
+          o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
     }
     values = std::move(out);
   };

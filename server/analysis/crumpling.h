@@ -17,19 +17,19 @@ namespace rustle::analysis {
 
 /// What is remembered per vertex between frames.
 struct CrumplingState {
-  bool primed = false;                      ///< a frame has been seen
-  double time_s = 0;                        ///< of that frame
-  std::vector<float> curvature_per_m;       ///< H then
-  std::vector<std::int8_t> sign;            ///< of the last confirmed side, 0: none yet
-  std::vector<double> crossed_s;            ///< when H last passed zero
-  std::vector<double> flipped_s;            ///< when the vertex last took part in a flip
-  std::vector<std::int8_t> flipped_to;      ///< and to which side
-  std::vector<std::uint64_t> flipped_in;    ///< and in which event, 0: in one too small to sound
+  bool primed = false;                    ///< a frame has been seen
+  double time_s = 0;                      ///< of that frame
+  std::vector<float> curvature_per_m;     ///< H then
+  std::vector<std::int8_t> sign;          ///< of the last confirmed side, 0: none yet
+  std::vector<double> crossed_s;          ///< when H last passed zero
+  std::vector<double> flipped_s;          ///< when the vertex last took part in a flip
+  std::vector<std::int8_t> flipped_to;    ///< and to which side
+  std::vector<std::uint64_t> flipped_in;  ///< and in which event, 0: in one too small to sound
   struct Past {
     double time_s;
     std::vector<float> curvature_per_m;
   };
-  std::deque<Past> past;                    ///< H over the amplitude window
+  std::deque<Past> past;  ///< H over the amplitude window
 
   // Scratch, kept so that a warm frame allocates nothing.
   std::vector<float> now_per_m;
@@ -38,22 +38,23 @@ struct CrumplingState {
 
 struct CrumplingInputs {
   const CurvatureStencils& stencils;
-  std::span<const float> angles_rad;             ///< [E]
-  std::span<const sheet::Vec3f> positions_m;     ///< [V] in space
-  std::span<const sheet::Vec3f> velocities_m_per_s;   ///< [V] or empty: differenced from the following
+  std::span<const float> angles_rad;                   ///< [E]
+  std::span<const sheet::Vec3f> positions_m;           ///< [V] in space
+  std::span<const sheet::Vec3f> velocities_m_per_s;    ///< [V] or empty: differenced from the following
   std::span<const sheet::Vec3f> previous_positions_m;  ///< [V] of the frame before at the same material points, or empty
   double time_s;
   /// Set on the first frame of a new topology, after carry(): vertices without a counterpart before.
   const std::vector<bool>* remade = nullptr;
-  bool remade_are_silent = false;                ///< no event may start at a remade vertex (identity only inferred in space)
+  bool remade_are_silent = false;  ///< no event may start at a remade vertex (identity only inferred in space)
 };
 
 /// Takes one frame. Ids are drawn from `next_event_id`, in order. Quiet frames cost O(stencils).
-[[nodiscard]] std::vector<observation::CrumplingEvent> find_crumpling(const CrumplingInputs& inputs, const Parameters& parameters,
-                                                                      CrumplingState& state, std::uint64_t& next_event_id);
+[[nodiscard]] std::vector<observation::CrumplingEvent> find_crumpling(const CrumplingInputs& inputs,
+                                                                      const Parameters& parameters, CrumplingState& state,
+                                                                      std::uint64_t& next_event_id);
 
-/// Moves the state onto the vertices of a new topology: what is continuous is interpolated, what is discrete is taken from the
-/// vertex that weighs most.
+/// Moves the state onto the vertices of a new topology: what is continuous is interpolated, what is discrete is taken from
+/// the vertex that weighs most.
 void carry(const sheet::Transfer& transfer, CrumplingState& state);
 
 }  // namespace rustle::analysis

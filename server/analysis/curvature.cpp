@@ -34,7 +34,8 @@ CurvatureStencils curvature_stencils(std::shared_ptr<const sheet::Topology> topo
   for (double edge : out.edge_length_m) {
     out.radius_m.push_back(std::max(parameters.event_radius_m, parameters.event_radius_edges * edge));
   }
-  Stencil stencil = kernel({out.plane.coordinates_m, out.plane.component}, out.radius_m, basis.midpoints, parameters.event_stencil_hinges);
+  Stencil stencil =
+      kernel({out.plane.coordinates_m, out.plane.component}, out.radius_m, basis.midpoints, parameters.event_stencil_hinges);
   out.mean_curvature_weight.resize(stencil.source.size());
   out.bending_weight.resize(stencil.source.size());
   for (std::size_t i = 0; i < stencil.rows(); ++i) {
@@ -42,7 +43,8 @@ CurvatureStencils curvature_stencils(std::shared_ptr<const sheet::Topology> topo
     double area = 0;
     for (std::uint32_t k = stencil.start[i]; k < stencil.start[i + 1]; ++k) {
       const std::uint32_t h = stencil.source[k];
-      normal_matrix += static_cast<double>(stencil.weight[k]) * basis.weight_m2[h] * basis.response[h] * basis.response[h].transpose();
+      normal_matrix +=
+          static_cast<double>(stencil.weight[k]) * basis.weight_m2[h] * basis.response[h] * basis.response[h].transpose();
       area += static_cast<double>(stencil.weight[k]) * basis.area_m2[h];
     }
     const Eigen::Vector3d trace = inverted_normal_matrix(normal_matrix) * Eigen::Vector3d(0.5, 0, 0.5);

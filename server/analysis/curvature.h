@@ -17,10 +17,10 @@ namespace rustle::analysis {
 struct CurvatureStencils {
   std::shared_ptr<const sheet::Topology> topology;
   sheet::RestPlane plane;
-  std::vector<sheet::Hinge> hinges;            ///< [E]
-  std::vector<double> edge_length_m;           ///< [V] local, in the rest plane
-  std::vector<double> radius_m;                ///< [V] of the kernel
-  std::vector<std::uint32_t> start, hinge;     ///< rows of the two operators
+  std::vector<sheet::Hinge> hinges;         ///< [E]
+  std::vector<double> edge_length_m;        ///< [V] local, in the rest plane
+  std::vector<double> radius_m;             ///< [V] of the kernel
+  std::vector<std::uint32_t> start, hinge;  ///< rows of the two operators
   std::vector<float> mean_curvature_weight;
   std::vector<float> bending_weight;
   std::vector<std::uint32_t> neighbour_start, neighbour;  ///< vertices joined by an edge
@@ -34,6 +34,7 @@ struct CurvatureStencils {
 void mean_curvature_per_m(const CurvatureStencils& stencils, std::span<const float> angles_rad, std::span<float> out_per_m);
 
 /// Local bending K of one vertex in 1/m.
-[[nodiscard]] float bending_per_m(const CurvatureStencils& stencils, std::span<const float> angles_rad, std::uint32_t vertex);
+[[nodiscard]] float bending_per_m(const CurvatureStencils& stencils, std::span<const float> angles_rad,
+                                  std::uint32_t vertex);
 
 }  // namespace rustle::analysis

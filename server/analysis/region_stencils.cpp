@@ -37,7 +37,8 @@ void index_users(RegionStencils& out) {
 
 }  // namespace
 
-RegionStencils region_stencils(std::shared_ptr<const sheet::Topology> topology, sheet::RestPlane plane, const Parameters& parameters) {
+RegionStencils region_stencils(std::shared_ptr<const sheet::Topology> topology, sheet::RestPlane plane,
+                               const Parameters& parameters) {
   RegionStencils out;
   out.topology = std::move(topology);
   out.plane = std::move(plane);

@@ -16,8 +16,8 @@ using sheet::kNone;
 using sheet::Vec2d;
 using sheet::Vec3f;
 
-constexpr float kSharpPull = 0.1f;        // a side across a fold ties a sliver to its neighbour this much
-constexpr double kEmptyFit = 1e-9;        // of the trace: with less left after masking, nothing is known
+constexpr float kSharpPull = 0.1f;  // a side across a fold ties a sliver to its neighbour this much
+constexpr double kEmptyFit = 1e-9;  // of the trace: with less left after masking, nothing is known
 constexpr int kRidgeLayers = 2;
 
 struct HingeGeometry {
@@ -54,7 +54,8 @@ bool ridges_possible(const RegionStencils& s, const HingeGeometry& h, double lim
 }
 
 /// Largest principal bending in the face's plane, summed over the ridge width.
-std::vector<float> bending_over_ridge_width(const RegionStencils& s, const HingeGeometry& h, const std::vector<Vec3f>& normals) {
+std::vector<float> bending_over_ridge_width(const RegionStencils& s, const HingeGeometry& h,
+                                            const std::vector<Vec3f>& normals) {
   std::vector<float> out(s.ridge.rows(), 0.0f);
   for (std::size_t f = 0; f < out.size(); ++f) {
     float xx = 0, yy = 0, zz = 0, xy = 0, yz = 0, xz = 0, area = 0;
@@ -90,7 +91,8 @@ std::vector<std::uint8_t> grown(const sheet::Topology& topology, const std::vect
   return out;
 }
 
-/// The fitted tensor's principal values and rulings; hinges inside a fold are left out, so it does not curve the flats beside it.
+/// The fitted tensor's principal values and rulings; hinges inside a fold are left out, so it does not curve the flats
+/// beside it.
 void fit_bending(const RegionStencils& s, const HingeGeometry& h, const std::vector<std::uint8_t>& skirt, RegionMap& map) {
   const std::size_t hinges = h.angle_rad.size(), faces = s.tensor.rows();
   std::vector<std::array<float, 4>> moment(hinges);
@@ -108,7 +110,8 @@ void fit_bending(const RegionStencils& s, const HingeGeometry& h, const std::vec
       }
       continue;
     }
-    const Eigen::Vector3d m = s.basis.weight_m2[k] / s.basis.crossing_m[k] * static_cast<double>(h.angle_rad[k]) * s.basis.response[k];
+    const Eigen::Vector3d m =
+        s.basis.weight_m2[k] / s.basis.crossing_m[k] * static_cast<double>(h.angle_rad[k]) * s.basis.response[k];
     moment[k] = {static_cast<float>(m[0]), static_cast<float>(m[1]), static_cast<float>(m[2]), 0.0f};
   }
   map.curvature_per_m.resize(faces);
@@ -128,7 +131,8 @@ void fit_bending(const RegionStencils& s, const HingeGeometry& h, const std::vec
         m = (inverted_normal_matrix(left) * sum.matrix().head<3>().cast<double>()).cast<float>();
       }
     }
-    const float mean = (m[0] + m[2]) / 2, d = (m[0] - m[2]) / 2, half = std::sqrt(d * d + m[1] * m[1]), sign = mean >= 0 ? 1.0f : -1.0f;
+    const float mean = (m[0] + m[2]) / 2, d = (m[0] - m[2]) / 2, half = std::sqrt(d * d + m[1] * m[1]),
+                sign = mean >= 0 ? 1.0f : -1.0f;
     map.curvature_per_m[f] = mean + sign * half;
     map.least_curvature_per_m[f] = mean - sign * half;
     map.ruling_rad[f] = 0.5f * std::atan2(m[1] * sign, d * sign) + std::numbers::pi_v<float> / 2;
@@ -149,8 +153,8 @@ Vec3f to_space(const RegionStencils& s, std::span<const Vec3f> x, std::size_t f,
   return length > 0 ? Vec3f(out / length) : Vec3f::UnitX();
 }
 
-/// Largest bending of each sign within the kernel's reach. The kernel blurs borders: what a face near one shows is less than what
-/// the region has.
+/// Largest bending of each sign within the kernel's reach. The kernel blurs borders: what a face near one shows is less than
+/// what the region has.
 struct NearbyLevel {
   std::vector<float> up, down;
 };
@@ -167,11 +171,13 @@ NearbyLevel nearby_level(const RegionStencils& s, const RegionMap& map) {
   return out;
 }
 
+/// Renumbers labels from 0 in their order; returns how many there are.
 std::uint32_t compact(std::vector<std::uint32_t>& label) {
-  std::map<std::uint32_t, std::uint32_t> number;
-  for (std::uint32_t l : label) number.try_emplace(l, 0);
+  if (label.empty()) return 0;
+  std::vector<std::uint32_t> number(std::size_t{*std::max_element(label.begin(), label.end())} + 1, 0);
+  for (std::uint32_t l : label) number[l] = 1;
   std::uint32_t next = 0;
-  for (auto& [l, n] : number) n = next++;
+  for (std::uint32_t& n : number) n = n != 0 ? next++ : 0;
   for (std::uint32_t& l : label) l = number[l];
   return next;
 }
@@ -182,8 +188,8 @@ std::vector<std::uint32_t> labels_of(sheet::DisjointSets& sets, std::size_t coun
   return label;
 }
 
-/// Ridge faces join a side, lowest bending first, so a ridge becomes a line; one lower than all its neighbours starts a facet of
-/// its own: a crumpled sheet is facets between ridges, not one region.
+/// Ridge faces join a side, lowest bending first, so a ridge becomes a line; one lower than all its neighbours starts a
+/// facet of its own: a crumpled sheet is facets between ridges, not one region.
 void flood_ridges(const sheet::Topology& topology, const RegionMap& map, std::vector<std::uint32_t>& label) {
   std::vector<std::uint32_t> ridges;
   auto next = static_cast<std::uint32_t>(label.size());
@@ -204,8 +210,8 @@ void flood_ridges(const sheet::Topology& topology, const RegionMap& map, std::ve
   }
 }
 
-/// Smallest first, a region thinner than the least width joins the neighbour it is tied to most. Twice the width is asked of one
-/// with smooth neighbours: a facet between ridges may be narrow.
+/// Smallest first, a region thinner than the least width joins the neighbour it is tied to most. Twice the width is asked of
+/// one with smooth neighbours: a facet between ridges may be narrow.
 void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const RegionMap& map, const HingeGeometry& h,
                    const Parameters& parameters, std::vector<std::uint32_t>& label) {
   struct Border {
@@ -278,8 +284,8 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Regi
 }
 
 /// Border edges by their curvature across the border: κ across the ruling, the other along it.
-void measure_border(const RegionStencils& s, std::span<const Vec3f> x, const NearbyLevel& level, const Parameters& parameters,
-                    RegionMap& map) {
+void measure_border(const RegionStencils& s, std::span<const Vec3f> x, const NearbyLevel& level,
+                    const Parameters& parameters, RegionMap& map) {
   const double flat = parameters.flat_bending_per_m;
   for (const auto& e : s.topology->border_edges()) {
     const std::uint32_t f = e.triangle;
@@ -330,7 +336,8 @@ Bending find_bending(const RegionStencils& s, std::span<const Vec3f> x, const Pa
 
 }  // namespace
 
-RegionMap segment(const RegionStencils& s, std::span<const Vec3f> x, double time_s, const Parameters& parameters, RegionState* state) {
+RegionMap segment(const RegionStencils& s, std::span<const Vec3f> x, double time_s, const Parameters& parameters,
+                  RegionState* state) {
   assert(x.size() == s.topology->vertex_count());
   Bending found = find_bending(s, x, parameters);
   RegionMap& map = found.map;
@@ -338,8 +345,8 @@ RegionMap segment(const RegionStencils& s, std::span<const Vec3f> x, double time
   const double flat = parameters.flat_bending_per_m;
   const bool known = state != nullptr && state->topology == s.topology && state->curved.size() == count &&
                      std::fabs(time_s - state->time_s) <= parameters.flat_memory_s;
-  // Between flat and curved the border lies where half the curvature of the curved side is reached; between the two signs of an S
-  // it lies at zero, and there is no flat strip.
+  // Between flat and curved the border lies where half the curvature of the curved side is reached; between the two signs of
+  // an S it lies at zero, and there is no flat strip.
   std::vector<std::int8_t> sign(count);
   std::vector<bool> curved(count);
   for (std::size_t f = 0; f < count; ++f) {
@@ -354,7 +361,8 @@ RegionMap segment(const RegionStencils& s, std::span<const Vec3f> x, double time
   for (const auto& e : s.topology->interior_edges()) {
     if (map.ridge[e.left] || map.ridge[e.right] || sign[e.left] != sign[e.right]) continue;
     if (sign[e.left] != 0) {
-      double turn = std::fmod(static_cast<double>(map.ruling_rad[e.left]) - map.ruling_rad[e.right] + 2.5 * std::numbers::pi, std::numbers::pi);
+      double turn = std::fmod(static_cast<double>(map.ruling_rad[e.left]) - map.ruling_rad[e.right] + 2.5 * std::numbers::pi,
+                              std::numbers::pi);
       turn = std::fabs(turn - std::numbers::pi / 2);
       const double distance = (s.centres.at_m[e.left] - s.centres.at_m[e.right]).norm();
       if (turn > parameters.ruling_agree_rad * std::max(1.0, distance / parameters.ruling_agree_m)) continue;

@@ -82,7 +82,8 @@ const Resonator& ResonatorFinder::region(std::uint32_t label) {
 Resonator ResonatorFinder::measure(std::uint32_t label) const {
   Resonator out;
   const auto& topology = *stencils_.topology;
-  const std::span triangles(region_triangles_.begin() + region_start_[label], region_triangles_.begin() + region_start_[label + 1]);
+  const std::span triangles(region_triangles_.begin() + region_start_[label],
+                            region_triangles_.begin() + region_start_[label + 1]);
   if (triangles.empty()) return out;
   Vec3d first = Vec3d::Zero(), normal = Vec3d::Zero();
   Eigen::Matrix3d second = Eigen::Matrix3d::Zero();
@@ -90,7 +91,8 @@ Resonator ResonatorFinder::measure(std::uint32_t label) const {
   for (std::uint32_t f : triangles) {
     const sheet::Triangle& v = topology.triangles()[f];
     const double area = map_.areas_m2[f];
-    const Vec3d a = positions_m_[v[0]].cast<double>(), b = positions_m_[v[1]].cast<double>(), c = positions_m_[v[2]].cast<double>();
+    const Vec3d a = positions_m_[v[0]].cast<double>(), b = positions_m_[v[1]].cast<double>(),
+                c = positions_m_[v[2]].cast<double>();
     const Vec3d sum = a + b + c;
     out.area_m2 += area;
     first += area / 3 * sum;
@@ -101,7 +103,8 @@ Resonator ResonatorFinder::measure(std::uint32_t label) const {
     edge += area * stencils_.edge_length_m[f];
   }
   const double area = std::max(out.area_m2, 1e-30);
-  const Vec3d mean = out.area_m2 > 0 ? Vec3d(first / area) : Vec3d(positions_m_[topology.triangles()[triangles[0]][0]].cast<double>());
+  const Vec3d mean =
+      out.area_m2 > 0 ? Vec3d(first / area) : Vec3d(positions_m_[topology.triangles()[triangles[0]][0]].cast<double>());
   out.position_m = origin_m_ + mean;
   if (out.area_m2 > 0) out.covariance_m2 = second / area - mean * mean.transpose();
   if (normal.norm() > 1e-12 * area) out.normal = normal.normalized();
@@ -121,7 +124,8 @@ Resonator ResonatorFinder::measure(std::uint32_t label) const {
     if (map_.region[e.triangle] != label) continue;
     const double length = (positions_m_[e.end] - positions_m_[e.start]).norm();
     perimeter += length;
-    const bool held = holds_.anchored[e.start] || holds_.anchored[e.end] || holds_.touching[e.start] || holds_.touching[e.end];
+    const bool held =
+        holds_.anchored[e.start] || holds_.anchored[e.end] || holds_.touching[e.start] || holds_.touching[e.end];
     if (curved && !held) out.free_border_length_m += length * static_cast<double>(map_.free_border[k]);
   }
   for (const auto& e : topology.interior_edges()) {
@@ -167,7 +171,8 @@ double ResonatorFinder::ruling_length_m(std::uint32_t label) const {
   for (std::size_t i = 0; i < parameters_.ruling_samples; ++i) {
     const double target = (static_cast<double>(i) + 0.5) / samples * area;
     const auto at = std::min<std::size_t>(
-        static_cast<std::size_t>(std::lower_bound(reached.begin(), reached.end(), target) - reached.begin()), triangles.size() - 1);
+        static_cast<std::size_t>(std::lower_bound(reached.begin(), reached.end(), target) - reached.begin()),
+        triangles.size() - 1);
     const std::uint32_t f = triangles[at];
     double u = random.next(), v = random.next();
     if (u + v > 1) u = 1 - u, v = 1 - v;
@@ -181,8 +186,8 @@ double ResonatorFinder::ruling_length_m(std::uint32_t label) const {
   return sum / samples;
 }
 
-/// Along a straight line of the rest plane, until it leaves the region for more than `gap`: a ruling may run along a region border
-/// that is jagged because it follows triangle edges. The length is measured in space.
+/// Along a straight line of the rest plane, until it leaves the region for more than `gap`: a ruling may run along a region
+/// border that is jagged because it follows triangle edges. The length is measured in space.
 double ResonatorFinder::traced_m(std::uint32_t triangle, const Vec2d& from, double angle_rad, double gap_m) const {
   const auto& x = stencils_.plane.coordinates_m;
   const auto& topology = *stencils_.topology;

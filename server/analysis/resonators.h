@@ -28,8 +28,8 @@ class ResonatorFinder {
 
   enum class StopAt { kRidgesAndHolds, kRidgesAndAnchors };
 
-  /// Resonators of the regions reached from these triangles through shared edges that are no ridge (both triangles ridge) and hold no
-  /// stamped vertex. In order of region. Empty only for no triangles.
+  /// Resonators of the regions reached from these triangles through shared edges that are no ridge (both triangles ridge)
+  /// and hold no stamped vertex. In order of region. Empty only for no triangles.
   [[nodiscard]] std::vector<observation::Resonator> reached_from(std::span<const std::uint32_t> triangles, StopAt stop);
 
   /// One region's resonator. Lengths in space: l_r the mean straight ruling through points of the region, a fixed sample

@@ -52,7 +52,8 @@ std::vector<Vec3f> carried(const sheet::Transfer& transfer, const std::vector<Ve
   std::vector<Vec3f> out(transfer.origins.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
     const auto& o = transfer.origins[i];
-    out[i] = o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
+    out[i] =
+        o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
   }
   return out;
 }
@@ -61,7 +62,8 @@ std::vector<Vec3f> carried(const sheet::Transfer& transfer, const std::vector<Ve
 
 SheetAnalyzer::SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters) : sheet_(sheet), parameters_(parameters) {}
 
-Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings, std::uint64_t& next_event_id) {
+Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings,
+                                   std::uint64_t& next_event_id) {
   assert(frame.topology != nullptr && frame.positions_m.size() == frame.topology->vertex_count());
   if (frame.reset_history || (state_.last && frame.time_s < state_.last->time_s)) forget();
   Observation out;
@@ -87,7 +89,8 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
 
   const bool comparable = state_.last && !arrival && state_.last->positions_m.size() == frame.positions_m.size();
   if (comparable) state_.last->topology = frame.topology;
-  out.friction = contacts_.update(frame, comparable ? &*state_.last : nullptr, surroundings, parameters_.contact_radius_m, next_event_id);
+  out.friction = contacts_.update(frame, comparable ? &*state_.last : nullptr, surroundings, parameters_.contact_radius_m,
+                                  next_event_id);
   out.tears = sent_tears(frame, next_event_id);
 
   const bool sounds = !out.crumpling.empty() || !out.tears.empty() ||
@@ -129,7 +132,8 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
         const double step = state_.last->time_s - state_.earlier_s;
         if (!state_.earlier_positions_m.empty() && step > 0) {
           const auto share = static_cast<float>((frame.time_s - state_.last->time_s) / step);
-          for (std::size_t i = 0; i < expected.size(); ++i) expected[i] += share * (expected[i] - state_.earlier_positions_m[i]);
+          for (std::size_t i = 0; i < expected.size(); ++i)
+            expected[i] += share * (expected[i] - state_.earlier_positions_m[i]);
         }
         transfer = sheet::transfer_by_position(from, expected, to, frame.positions_m);
       }
@@ -157,12 +161,14 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
 }
 
 void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& origin_m, Observation& observation) {
-  const sheet::SentPartition* sent = frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
+  const sheet::SentPartition* sent =
+      frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
   std::optional<RegionMesh>& mesh = sent != nullptr ? state_.sent_regions : state_.regions;
   if (!mesh) mesh = region_mesh(state_.curvature->topology, state_.curvature->plane, parameters_, sent == nullptr);
   const std::vector<Vec3f> positions_m = mesh->positions_m(state_.relative_m);
-  const RegionMap map = sent != nullptr ? adopt_partition(*sent, mesh->stencils, positions_m, parameters_)
-                                        : segment(mesh->stencils, positions_m, frame.time_s, parameters_, &state_.region_history);
+  const RegionMap map = sent != nullptr
+                            ? adopt_partition(*sent, mesh->stencils, positions_m, parameters_)
+                            : segment(mesh->stencils, positions_m, frame.time_s, parameters_, &state_.region_history);
   std::vector<bool> touching(frame.positions_m.size(), false);
   for (const auto& contact : observation.friction) {
     for (const auto& vertex : contact.vertices) touching[vertex.vertex] = true;
@@ -225,8 +231,10 @@ RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& p
   const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
   std::vector<Vec3f> relative_m;
   sheet::relative_positions_m(frame.positions_m, origin_m, relative_m);
-  const sheet::SentPartition* sent = frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
-  const RegionMesh mesh = region_mesh(frame.topology, sheet::rest_plane(*frame.topology, relative_m), parameters, sent == nullptr);
+  const sheet::SentPartition* sent =
+      frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
+  const RegionMesh mesh =
+      region_mesh(frame.topology, sheet::rest_plane(*frame.topology, relative_m), parameters, sent == nullptr);
   const std::vector<Vec3f> positions_m = mesh.positions_m(relative_m);
   out.map = sent != nullptr ? adopt_partition(*sent, mesh.stencils, positions_m, parameters)
                             : segment(mesh.stencils, positions_m, frame.time_s, parameters, nullptr);

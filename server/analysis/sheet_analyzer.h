@@ -20,9 +20,9 @@ namespace rustle::analysis {
 
 /// How a sheet's topology changes were met (P14), for notices and statistics.
 struct TopologyChanges {
-  std::uint64_t by_material = 0;    ///< history carried by material coordinates
-  std::uint64_t by_position = 0;    ///< recognised as renumbered, welded or remeshed in part
-  std::uint64_t history_lost = 0;   ///< not recognised: signs adopted silently, no crumpling can be heard across it
+  std::uint64_t by_material = 0;   ///< history carried by material coordinates
+  std::uint64_t by_position = 0;   ///< recognised as renumbered, welded or remeshed in part
+  std::uint64_t history_lost = 0;  ///< not recognised: signs adopted silently, no crumpling can be heard across it
 };
 
 /// From mesh frames to observations, one sheet, frames in the order of their times. Holds all that must be remembered.
@@ -47,16 +47,16 @@ class SheetAnalyzer {
   struct State {
     std::optional<CurvatureStencils> curvature;
     CrumplingState crumpling;
-    std::optional<RegionMesh> regions;          ///< made when first needed
-    std::optional<RegionMesh> sent_regions;     ///< of the sheet's own triangles, for a sent partition
+    std::optional<RegionMesh> regions;       ///< made when first needed
+    std::optional<RegionMesh> sent_regions;  ///< of the sheet's own triangles, for a sent partition
     RegionState region_history;
     std::optional<sheet::MeshFrame> last;
-    std::vector<sheet::Vec3f> last_positions_m;   ///< of `last`, at the vertices of the present topology
+    std::vector<sheet::Vec3f> last_positions_m;     ///< of `last`, at the vertices of the present topology
     std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
     double earlier_s = 0;
     std::map<std::uint32_t, TearTip> tips;
-    std::vector<sheet::Vec3f> relative_m;       ///< scratch
-    std::vector<float> angles_rad;              ///< scratch
+    std::vector<sheet::Vec3f> relative_m;  ///< scratch
+    std::vector<float> angles_rad;         ///< scratch
   };
 
   void forget();
@@ -79,10 +79,10 @@ class SheetAnalyzer {
 
 /// One frame's partition on its own, for pictures: what analyze() would use if it needed regions in this frame.
 struct RegionPicture {
-  std::shared_ptr<const sheet::Topology> topology;   ///< of the partition: the frame's, or a coarse proxy's
-  std::vector<sheet::Vec3f> positions_m;             ///< of its vertices, in space
+  std::shared_ptr<const sheet::Topology> topology;  ///< of the partition: the frame's, or a coarse proxy's
+  std::vector<sheet::Vec3f> positions_m;            ///< of its vertices, in space
   RegionMap map;
-  std::vector<observation::Resonator> regions;       ///< [R] measured; anchors hold, contacts are not known
+  std::vector<observation::Resonator> regions;  ///< [R] measured; anchors hold, contacts are not known
 };
 /// \pre as for analyze()
 [[nodiscard]] RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters);

@@ -11,8 +11,8 @@ namespace rustle::analysis {
 using sheet::Vec2d;
 
 namespace {
-constexpr double kSliverHeight = 0.01;       // of the edge's length
-constexpr double kRegularization = 1e-3;     // of the mean diagonal
+constexpr double kSliverHeight = 0.01;    // of the edge's length
+constexpr double kRegularization = 1e-3;  // of the mean diagonal
 }  // namespace
 
 Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, const PlanePoints& sources, std::size_t most) {
@@ -26,7 +26,6 @@ Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, cons
   struct Near {
     double squared_distance;
     std::uint32_t index;
-    auto operator<=>(const Near&) const = default;
   };
   std::vector<Near> near;
   for (std::size_t i = 0; i < rows; ++i) {
@@ -35,13 +34,13 @@ Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, cons
       if (sources.component[j] == targets.component[i]) near.push_back({d2, j});
     });
     if (near.empty()) {
-      const auto hit = grid.nearest(targets.at_m[i], [&](std::uint32_t j) { return sources.component[j] == targets.component[i]; });
+      const auto hit =
+          grid.nearest(targets.at_m[i], [&](std::uint32_t j) { return sources.component[j] == targets.component[i]; });
       if (hit.index != sheet::kNone) {
         out.source.push_back(hit.index);
         out.weight.push_back(1.0f);
       }
     } else if (near.size() > most) {
-      std::sort(near.begin(), near.end());
       for (std::size_t k = 0; k < most; ++k) near[k] = near[(2 * k + 1) * near.size() / (2 * most)];
       near.resize(most);
     }
@@ -87,7 +86,8 @@ HingeBasis hinge_basis(const sheet::Topology& topology, const sheet::RestPlane& 
 Eigen::Matrix3d inverted_normal_matrix(const Eigen::Matrix3d& normal_matrix) {
   const double trace = normal_matrix.trace();
   if (!(trace > 0)) return Eigen::Matrix3d::Zero();
-  const Eigen::Matrix3d inverse = (normal_matrix / trace + kRegularization / 3 * Eigen::Matrix3d::Identity()).inverse() / trace;
+  const Eigen::Matrix3d inverse =
+      (normal_matrix / trace + kRegularization / 3 * Eigen::Matrix3d::Identity()).inverse() / trace;
   return inverse.allFinite() ? inverse : Eigen::Matrix3d::Zero();
 }
 

@@ -12,7 +12,7 @@ namespace rustle::analysis {
 
 /// Weights from sources to targets, row by row (CSR).
 struct Stencil {
-  std::vector<std::uint32_t> start;   ///< [targets + 1]
+  std::vector<std::uint32_t> start;  ///< [targets + 1]
   std::vector<std::uint32_t> source;
   std::vector<float> weight;
 
@@ -26,7 +26,7 @@ struct PlanePoints {
 };
 
 /// Kernel weights (1-(d/r)²)² from the sources within a target's radius; a target with none takes its nearest source.
-/// A row with more than `most` sources keeps every n-th by distance.
+/// A row with more than `most` sources keeps that many, evenly spread over the neighbourhood.
 [[nodiscard]] Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, const PlanePoints& sources,
                              std::size_t most = std::numeric_limits<std::size_t>::max());
 
@@ -34,13 +34,13 @@ struct PlanePoints {
 /// z = -(Mxx x²/2 + Mxy x y + Myy y²/2) it shows θ = crossing · response·(Mxx, Mxy, Myy), exactly for every quadratic.
 /// Slivers and edges with inconsistent triangles weigh 0.
 struct HingeBasis {
-  std::vector<sheet::Hinge> hinges;            ///< [E]
-  PlanePoints midpoints;                       ///< [E]
-  std::vector<Eigen::Vector3d> response;       ///< [E]
-  std::vector<double> crossing_m;              ///< [E] mean height of the two triangles over the edge
-  std::vector<double> weight_m2;               ///< [E] hinge area in the fit
-  std::vector<double> length_m;                ///< [E]
-  std::vector<double> area_m2;                 ///< [E] a third of both triangles
+  std::vector<sheet::Hinge> hinges;       ///< [E]
+  PlanePoints midpoints;                  ///< [E]
+  std::vector<Eigen::Vector3d> response;  ///< [E]
+  std::vector<double> crossing_m;         ///< [E] mean height of the two triangles over the edge
+  std::vector<double> weight_m2;          ///< [E] hinge area in the fit
+  std::vector<double> length_m;           ///< [E]
+  std::vector<double> area_m2;            ///< [E] a third of both triangles
 };
 [[nodiscard]] HingeBasis hinge_basis(const sheet::Topology& topology, const sheet::RestPlane& plane);
 

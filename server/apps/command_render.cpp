@@ -16,6 +16,7 @@
 #include "server/session/settled_options.h"
 #include "server/sinks/event_log.h"
 #include "server/sinks/wav.h"
+#include "server/wire/topics.h"
 
 namespace rustle::apps {
 namespace {

@@ -100,6 +100,13 @@ void ObstacleSurface::update(const ObstacleTrack& track, double time_s, double o
 }
 
 std::optional<SurfacePoint> ObstacleSurface::closest(const Vec3d& query_m, double radius_m) const {
+  if (is_plane()) {
+    SurfacePoint point;
+    point.normal = rotation_.col(2);
+    point.distance_m = point.normal.dot(query_m - pose_.position_m);
+    point.position_m = query_m - point.distance_m * point.normal;
+    return point.distance_m > radius_m ? std::nullopt : std::optional(point);
+  }
   const Vec3d shifted = query_m - pose_.position_m;
   const Vec3d query = turned_ ? Vec3d(rotation_.transpose() * shifted) : shifted;
   SurfacePoint point;
@@ -160,7 +167,8 @@ bool ObstacleSurface::may_meet(const Box& box_m) const {
     const double reach = normal.cwiseAbs().dot(0.5 * box_m.sizes());
     return normal.dot(box_m.center() - pose_.position_m) <= reach;
   }
-  const Box own = !turned_ ? Box(Vec3d(box_m.min() - pose_.position_m), Vec3d(box_m.max() - pose_.position_m)) : turned(box_m, rotation_.transpose(), -(rotation_.transpose() * pose_.position_m));
+  const Box own = !turned_ ? Box(Vec3d(box_m.min() - pose_.position_m), Vec3d(box_m.max() - pose_.position_m))
+                           : turned(box_m, rotation_.transpose(), -(rotation_.transpose() * pose_.position_m));
   if (is_mesh()) return tree_.touches(own);
   const Vec3d half = half_extents(description_->shape);
   return own.intersects(Box(Vec3d(-half), half));

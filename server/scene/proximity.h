@@ -46,8 +46,8 @@ class ObstacleSurface {
   bool turned_ = false;
   RigidMotion motion_;
   TriangleTree tree_;
-  std::vector<Vec3f> vertices_m_;           ///< own frame
-  std::vector<Vec3f> velocities_m_per_s_;   ///< own frame, or empty
+  std::vector<Vec3f> vertices_m_;          ///< own frame
+  std::vector<Vec3f> velocities_m_per_s_;  ///< own frame, or empty
 };
 
 }  // namespace rustle::scene

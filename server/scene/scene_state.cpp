@@ -20,8 +20,8 @@ struct Between {
 
 template <class Key>
 Between locate(const std::vector<Key>& keys, double time_s) {
-  const auto after = std::lower_bound(keys.begin(), keys.end(), time_s,
-                                      [](const Key& key, double time) { return key.time_s < time; });
+  const auto after =
+      std::lower_bound(keys.begin(), keys.end(), time_s, [](const Key& key, double time) { return key.time_s < time; });
   if (after == keys.begin()) return {0, 0, 0.0};
   if (after == keys.end()) return {keys.size() - 1, keys.size() - 1, 0.0};
   const std::size_t second = static_cast<std::size_t>(after - keys.begin());
@@ -70,7 +70,9 @@ ObstacleTrack::ObstacleTrack(Obstacle obstacle, double time_s, std::uint64_t rev
   description_ = std::make_shared<const Obstacle>(std::move(obstacle));
 }
 
-void ObstacleTrack::add(double time_s, const Pose& pose) { append(poses_, PoseKey{time_s, pose}); }
+void ObstacleTrack::add(double time_s, const Pose& pose) {
+  append(poses_, PoseKey{time_s, pose});
+}
 
 void ObstacleTrack::add(double time_s, std::vector<Vec3f> vertices_m) {
   append(vertices_, VerticesKey{time_s, std::make_shared<const std::vector<Vec3f>>(std::move(vertices_m))});
@@ -147,8 +149,8 @@ void ObstacleTrack::vertex_velocities_m_per_s(double time_s, double over_s, std:
 
 tl::expected<void, std::string> SceneState::apply(SceneUpdate update) {
   if (time_s_ && update.time_s < *time_s_) {
-    return tl::unexpected(fmt::format("scene update: time_s {} lies before {}, the last update's; send updates in time order",
-                                      update.time_s, *time_s_));
+    return tl::unexpected(fmt::format(
+        "scene update: time_s {} lies before {}, the last update's; send updates in time order", update.time_s, *time_s_));
   }
   std::set<ObstacleId> removed;
   for (const ObstacleId id : update.removed) {
@@ -212,8 +214,9 @@ tl::expected<void, std::string> SceneState::apply(SceneUpdate update) {
 
 tl::expected<void, std::string> SceneState::apply(const Listener& listener) {
   if (!listeners_.empty() && listener.time_s < listeners_.back().time_s) {
-    return tl::unexpected(fmt::format("listener: time_s {} lies before {}, the last listener's; send listeners in time order",
-                                      listener.time_s, listeners_.back().time_s));
+    return tl::unexpected(
+        fmt::format("listener: time_s {} lies before {}, the last listener's; send listeners in time order", listener.time_s,
+                    listeners_.back().time_s));
   }
   append(listeners_, listener);
   return {};

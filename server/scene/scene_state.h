@@ -18,10 +18,10 @@ namespace rustle::scene {
 /// A point of an obstacle's surface, in world coordinates, as closest to some query.
 struct SurfacePoint {
   Vec3d position_m = Vec3d::Zero();
-  Vec3d normal = Vec3d::UnitZ();             ///< outward, unit length
-  double distance_m = 0;                     ///< of the query; negative inside
-  std::uint32_t triangle = sheet::kNone;     ///< of a mesh
-  Vec3d barycentric = Vec3d::Zero();         ///< in that triangle
+  Vec3d normal = Vec3d::UnitZ();          ///< outward, unit length
+  double distance_m = 0;                  ///< of the query; negative inside
+  std::uint32_t triangle = sheet::kNone;  ///< of a mesh
+  Vec3d barycentric = Vec3d::Zero();      ///< in that triangle
 };
 
 /// Velocity of every point of a rigid body: v(p) = linear + angular_map (p - centre), m/s.

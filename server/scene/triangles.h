@@ -140,7 +140,8 @@ void TriangleGrid::visit_box(const Box& box, Visit&& visit) const {
           const Entry& entry = entries_[k];
           if (entry.cell[0] != x || entry.cell[1] != y || entry.cell[2] != z) continue;
           const Cell& first = first_cell_[entry.triangle];  // a pair meets first in the greater of their lowest cells
-          if (x != std::max(first[0], low[0]) || y != std::max(first[1], low[1]) || z != std::max(first[2], low[2])) continue;
+          if (x != std::max(first[0], low[0]) || y != std::max(first[1], low[1]) || z != std::max(first[2], low[2]))
+            continue;
           if (!visit(entry.triangle)) return;
         }
       }

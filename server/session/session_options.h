@@ -22,8 +22,8 @@ enum class ClothFeatures : std::uint8_t { kCausal, kSymmetric, kGlobal };
 /// What a session is asked to be. `wire` has checked ranges; a 0 is settled by the daemon where it says so.
 struct SessionOptions {
   Clock clock = Clock::kLive;
-  double time_origin_s = 0;    ///< simulation time of the first sample, within ±1e9
-  double metres_per_unit = 1;  ///< of the sender's lengths, 1e-6 to 1e6; what `wire` decodes is metres already
+  double time_origin_s = 0;     ///< simulation time of the first sample, within ±1e9
+  double metres_per_unit = 1;   ///< of the sender's lengths, 1e-6 to 1e6; what `wire` decodes is metres already
   UpAxis up_axis = UpAxis::kZ;  ///< of the sender; what `wire` decodes has z up already
   std::uint64_t seed = 0;
   SynthesisMode mode = SynthesisMode::kCorrected;
@@ -38,6 +38,8 @@ struct SessionOptions {
   bool operator==(const SessionOptions&) const = default;
 };
 
-constexpr int channel_count(ChannelLayout layout) { return layout == ChannelLayout::kMono ? 1 : 2; }
+constexpr int channel_count(ChannelLayout layout) {
+  return layout == ChannelLayout::kMono ? 1 : 2;
+}
 
 }  // namespace rustle::session

@@ -28,7 +28,9 @@ bool in_circle(const Lattice& a, const Lattice& b, const Lattice& c, const Latti
   const auto cross = [](std::int64_t x0, std::int64_t y0, std::int64_t x1, std::int64_t y1) {
     return Wide{x0} * y1 - Wide{x1} * y0;
   };
-  return square(ax, ay) * cross(bx, by, cx, cy) - square(bx, by) * cross(ax, ay, cx, cy) + square(cx, cy) * cross(ax, ay, bx, by) > 0;
+  return square(ax, ay) * cross(bx, by, cx, cy) - square(bx, by) * cross(ax, ay, cx, cy) +
+             square(cx, cy) * cross(ax, ay, bx, by) >
+         0;
 }
 
 class Triangulation {

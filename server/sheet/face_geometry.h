@@ -18,8 +18,8 @@ void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origi
 
 /// Unit normals and areas of the triangles. The normal of a triangle without area is zero.
 struct FaceGeometry {
-  std::vector<Vec3f> normals;    ///< [T]
-  std::vector<float> areas_m2;   ///< [T]
+  std::vector<Vec3f> normals;   ///< [T]
+  std::vector<float> areas_m2;  ///< [T]
 };
 void face_geometry(const Topology& topology, std::span<const Vec3f> positions_m, FaceGeometry& out);
 
@@ -31,7 +31,8 @@ void vertex_areas_m2(const Topology& topology, std::span<const float> face_areas
 using Hinge = std::array<std::uint32_t, 4>;
 [[nodiscard]] std::vector<Hinge> hinges(const Topology& topology);
 
-/// Signed dihedral angle θ of every hinge, in radians within ±π, > 0 where normals spread (a dome seen from the normals' side):
+/// Signed dihedral angle θ of every hinge, in radians within ±π, > 0 where normals spread (a dome seen from the normals'
+/// side):
 ///   θ = atan2((n_l x n_r)·e/|e|, n_l·n_r)
 /// Hinges with a triangle without area are 0. Relative error below 1e-6. Pure, allocates nothing. O(hinges).
 /// \pre out_rad.size() == hinges.size(); positions near the origin (relative_positions_m)

@@ -72,7 +72,8 @@ class PointGrid {
       if (ring > 0 && best.squared_distance_m2 < reached * reached && best.index != kNone) break;
       visit_ring(middle, ring, [&](std::uint32_t i) {
         const double d2 = (points_[i] - centre).squaredNorm();
-        if ((d2 < best.squared_distance_m2 || (d2 == best.squared_distance_m2 && i < best.index)) && accept(i)) best = {i, d2};
+        if ((d2 < best.squared_distance_m2 || (d2 == best.squared_distance_m2 && i < best.index)) && accept(i))
+          best = {i, d2};
       });
     }
     return best;

@@ -16,9 +16,13 @@ constexpr double kFaithfulArea = 0.03;
 constexpr double kFaithfulBorder = 0.05;
 constexpr double kFoldedShare = 1e-3;
 
-double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Vec2d& a, const Vec2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
-double signed_area(const Triangle& v, const std::vector<Vec2d>& x) { return cross(x[v[1]] - x[v[0]], x[v[2]] - x[v[0]]) / 2; }
+double signed_area(const Triangle& v, const std::vector<Vec2d>& x) {
+  return cross(x[v[1]] - x[v[0]], x[v[2]] - x[v[0]]) / 2;
+}
 
 /// The vertices of each border loop in order. A vertex where several loops meet belongs to each.
 std::vector<std::vector<std::uint32_t>> border_loops(const Topology& topology) {
@@ -35,9 +39,9 @@ std::vector<std::vector<std::uint32_t>> border_loops(const Topology& topology) {
       seen[at] = true;
       loops.back().push_back(edges[at].start);
       const std::uint32_t end = edges[at].end;
-      at = static_cast<std::size_t>(
-          std::lower_bound(edges.begin(), edges.end(), end, [](const BorderEdge& e, std::uint32_t v) { return e.start < v; }) -
-          edges.begin());
+      at = static_cast<std::size_t>(std::lower_bound(edges.begin(), edges.end(), end,
+                                                     [](const BorderEdge& e, std::uint32_t v) { return e.start < v; }) -
+                                    edges.begin());
       while (at < edges.size() && edges[at].start == end && seen[at]) ++at;
       if (at < edges.size() && edges[at].start != end) break;
     }
@@ -52,7 +56,8 @@ double border_length(const Topology& topology, const std::vector<Vec2d>& x) {
 }
 
 /// Corners of the loop, and between them one vertex per spacing.
-void keep_along(const std::vector<std::uint32_t>& loop, const std::vector<Vec2d>& x, double spacing, std::vector<std::uint32_t>& kept) {
+void keep_along(const std::vector<std::uint32_t>& loop, const std::vector<Vec2d>& x, double spacing,
+                std::vector<std::uint32_t>& kept) {
   const std::size_t n = loop.size();
   const auto step = [&](std::size_t i) { return Vec2d(x[loop[(i + 1) % n]] - x[loop[i % n]]); };
   std::vector<bool> corner(n);
@@ -112,7 +117,8 @@ std::optional<Proxy> coarse_proxy(const Topology& fine, const RestPlane& plane, 
     if (!used[i] || border[i]) continue;
     const Vec2d q = (x[i] - low) / (0.93 * spacing);
     const std::pair cell{static_cast<std::int64_t>(q.x()), static_cast<std::int64_t>(q.y())};
-    const double distance = (q - Vec2d(static_cast<double>(cell.first) + 0.5, static_cast<double>(cell.second) + 0.5)).squaredNorm();
+    const double distance =
+        (q - Vec2d(static_cast<double>(cell.first) + 0.5, static_cast<double>(cell.second) + 0.5)).squaredNorm();
     const auto [at, is_new] = cells.try_emplace(cell, Choice{i, distance});
     if (!is_new && distance < at->second.distance) at->second = {i, distance};
   }

@@ -18,8 +18,8 @@ struct Proxy {
   std::vector<std::uint32_t> nearest;        ///< [V fine] the proxy vertex closest in the rest plane
 };
 
-/// Empty when the layout would not be faithful: several pieces, a folded or stretched rest plane, a crack, a border finer than the
-/// cells. The fine mesh then serves itself. O(V log V).
+/// Empty when the layout would not be faithful: several pieces, a folded or stretched rest plane, a crack, a border finer
+/// than the cells. The fine mesh then serves itself. O(V log V).
 [[nodiscard]] std::optional<Proxy> coarse_proxy(const Topology& fine, const RestPlane& plane, std::size_t triangles_wanted);
 
 }  // namespace rustle::sheet

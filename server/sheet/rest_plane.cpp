@@ -19,7 +19,9 @@ void label_components(const Topology& topology, RestPlane& plane) {
   }
 }
 
-double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Vec2d& a, const Vec2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 struct Piece {
   std::vector<std::uint32_t> vertices, triangles;

@@ -12,8 +12,8 @@ namespace rustle::sheet {
 
 /// The sheet laid out in a plane, where distances along the surface are straight lines.
 struct RestPlane {
-  std::vector<Vec2d> coordinates_m;       ///< [V]; triangles run counter-clockwise where the layout is good
-  std::vector<std::uint32_t> component;   ///< [V] connected piece, through shared edges and vertices; pieces may overlap
+  std::vector<Vec2d> coordinates_m;      ///< [V]; triangles run counter-clockwise where the layout is good
+  std::vector<std::uint32_t> component;  ///< [V] connected piece, through shared edges and vertices; pieces may overlap
   std::uint32_t component_count = 0;
   /// Share of the rest length by which the edges of the layout differ (root mean square): 0 for material coordinates.
   double distortion = 0;

@@ -27,8 +27,8 @@ std::string fault(const Topology::Input& input) {
   for (std::size_t t = 0; t < input.triangles.size(); ++t) {
     for (std::uint32_t vertex : input.triangles[t]) {
       if (vertex >= input.vertex_count) {
-        return fmt::format("triangles: triangle {} names vertex {}, but the sheet has {} vertices (counted from 0)", t, vertex,
-                           input.vertex_count);
+        return fmt::format("triangles: triangle {} names vertex {}, but the sheet has {} vertices (counted from 0)", t,
+                           vertex, input.vertex_count);
       }
     }
   }

@@ -42,7 +42,8 @@ std::vector<bool> used_vertices(const Topology& topology) {
 struct Stars {
   std::vector<std::uint32_t> start, triangles;
 
-  explicit Stars(const Topology& topology) : start(topology.vertex_count() + 1, 0), triangles(3 * topology.triangle_count()) {
+  explicit Stars(const Topology& topology)
+      : start(topology.vertex_count() + 1, 0), triangles(3 * topology.triangle_count()) {
     for (const Triangle& v : topology.triangles()) {
       for (std::uint32_t i : v) ++start[i + 1];
     }
@@ -55,7 +56,8 @@ struct Stars {
 };
 
 /// Barycentric coordinates of q, clamped to the triangle, and the squared distance that clamping left.
-std::pair<std::array<double, 3>, double> clamped_barycentric(const Vec2d& a, const Vec2d& b, const Vec2d& c, const Vec2d& q) {
+std::pair<std::array<double, 3>, double> clamped_barycentric(const Vec2d& a, const Vec2d& b, const Vec2d& c,
+                                                             const Vec2d& q) {
   const Vec2d u = b - a, v = c - a, w = q - a;
   const double det = u.x() * v.y() - u.y() * v.x();
   std::array<double, 3> weight{1, 0, 0};
@@ -100,7 +102,8 @@ Transfer transfer_by_material(const Topology& from, const Topology& to) {
   out.origins.resize(new_points.size());
   out.remade.assign(new_points.size(), false);
   for (std::size_t i = 0; i < new_points.size(); ++i) {
-    const Vec2d nudged = around[i] > 0 ? Vec2d(new_points[i] + 0.02 * (inside[i] / around[i] - new_points[i])) : new_points[i];
+    const Vec2d nudged =
+        around[i] > 0 ? Vec2d(new_points[i] + 0.02 * (inside[i] / around[i] - new_points[i])) : new_points[i];
     auto nearest = grid.nearest(nudged, [&](std::uint32_t j) { return old_used[j]; });
     if (nearest.index == kNone) nearest = grid.nearest(nudged);
     out.remade[i] = (old_points[nearest.index] - new_points[i]).norm() > kSameVertexEdges * edge[i];
@@ -118,7 +121,8 @@ Transfer transfer_by_material(const Topology& from, const Topology& to) {
     };
     grid.within(nudged, 1.0001 * std::sqrt(nearest.squared_distance_m2) + kSameVertexEdges * edge[i], consider);
     const double negligible = 1e-10 * edge[i] * edge[i];
-    if (best_distance > negligible) grid.within(nudged, 2 * std::sqrt(nearest.squared_distance_m2) + 1.5 * typical, consider);
+    if (best_distance > negligible)
+      grid.within(nudged, 2 * std::sqrt(nearest.squared_distance_m2) + 1.5 * typical, consider);
     if (best == kNone) {
       out.origins[i] = {{nearest.index, nearest.index, nearest.index}, {1, 0, 0}};
       continue;

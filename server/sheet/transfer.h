@@ -36,8 +36,8 @@ struct Transfer {
 
 /// By place in space, for renumbered, welded or locally remeshed sheets without material coordinates: new vertices match the
 /// old ones they coincide with (within 0.3 of the local edge length of where those are expected now), and a match counts
-/// when a triangle of matched vertices existed before. Empty when fewer than half of the triangles did: no proof of identity.
-/// \pre expected_m: the old vertices' positions, moved on to the new time; sizes as the topologies say
+/// when a triangle of matched vertices existed before. Empty when fewer than half of the triangles did: no proof of
+/// identity. \pre expected_m: the old vertices' positions, moved on to the new time; sizes as the topologies say
 [[nodiscard]] std::optional<Transfer> transfer_by_position(const Topology& from, std::span<const Vec3f> expected_m,
                                                            const Topology& to, std::span<const Vec3f> positions_m);
 

@@ -47,10 +47,17 @@ tl::expected<Body, Error> decode_gains(const v1::SetGains& sent, const Limits& l
     Gain gain{.gain_db = sent_gain.gain_db(), .sheet_id = {}, .kind = {}, .material = sent_gain.material()};
     if (sent_gain.has_sheet_id()) gain.sheet_id = sent_gain.sheet_id();
     switch (sent_gain.kind()) {
-      case v1::SOUND_KIND_UNSPECIFIED: break;
-      case v1::SOUND_KIND_CRUMPLING: gain.kind = SoundKind::kCrumpling; break;
-      case v1::SOUND_KIND_FRICTION: gain.kind = SoundKind::kFriction; break;
-      case v1::SOUND_KIND_TEARING: gain.kind = SoundKind::kTearing; break;
+      case v1::SOUND_KIND_UNSPECIFIED:
+        break;
+      case v1::SOUND_KIND_CRUMPLING:
+        gain.kind = SoundKind::kCrumpling;
+        break;
+      case v1::SOUND_KIND_FRICTION:
+        gain.kind = SoundKind::kFriction;
+        break;
+      case v1::SOUND_KIND_TEARING:
+        gain.kind = SoundKind::kTearing;
+        break;
       default:
         return refuse(ErrorCode::kUnsupported, field + ".kind", fmt::format("The kind is {}.", int{sent_gain.kind()}),
                       "Choose crumpling, friction or tearing, or leave it out for all.");
@@ -65,18 +72,23 @@ tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const L
     case v1::ControlRequest::kHello: {
       const v1::Hello& hello = request.hello();
       if (hello.protocol_version() != kProtocolVersion)
-        return refuse(ErrorCode::kProtocolVersion, "hello.protocol_version",
-                      fmt::format("The client speaks version {}, this daemon version {}.", hello.protocol_version(),
-                                  kProtocolVersion),
-                      "Bring the older of the two up to date.");
+        return refuse(
+            ErrorCode::kProtocolVersion, "hello.protocol_version",
+            fmt::format("The client speaks version {}, this daemon version {}.", hello.protocol_version(), kProtocolVersion),
+            "Bring the older of the two up to date.");
       if (const auto good = check_text(hello.client(), "hello.client", limits); !good) return tl::unexpected(good.error());
       return HelloRequest{.client = hello.client()};
     }
-    case v1::ControlRequest::kAttach: return decode_attach(request.attach(), limits);
-    case v1::ControlRequest::kDetach: return DetachRequest{.discard = request.detach().discard()};
-    case v1::ControlRequest::kSetGains: return decode_gains(request.set_gains(), limits);
-    case v1::ControlRequest::kGetStatistics: return GetStatisticsRequest{};
-    case v1::ControlRequest::kListPacks: return ListPacksRequest{};
+    case v1::ControlRequest::kAttach:
+      return decode_attach(request.attach(), limits);
+    case v1::ControlRequest::kDetach:
+      return DetachRequest{.discard = request.detach().discard()};
+    case v1::ControlRequest::kSetGains:
+      return decode_gains(request.set_gains(), limits);
+    case v1::ControlRequest::kGetStatistics:
+      return GetStatisticsRequest{};
+    case v1::ControlRequest::kListPacks:
+      return ListPacksRequest{};
     case v1::ControlRequest::kChangePack: {
       const v1::ChangePack& change = request.change_pack();
       if (const auto good = check_text(change.material(), "change_pack.material", limits); !good)
@@ -93,9 +105,12 @@ tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const L
       if (const auto good = check_text(request.start_recording().file_name(), "start_recording.file_name", limits); !good)
         return tl::unexpected(good.error());
       return StartRecordingRequest{request.start_recording().file_name()};
-    case v1::ControlRequest::kStopRecording: return StopRecordingRequest{};
-    case v1::ControlRequest::kListSessions: return ListSessionsRequest{};
-    case v1::ControlRequest::REQUEST_NOT_SET: break;
+    case v1::ControlRequest::kStopRecording:
+      return StopRecordingRequest{};
+    case v1::ControlRequest::kListSessions:
+      return ListSessionsRequest{};
+    case v1::ControlRequest::REQUEST_NOT_SET:
+      break;
   }
   return refuse(ErrorCode::kMalformed, "request", "The request asks nothing that this version knows.",
                 "Set one of ControlRequest's requests, or bring the daemon up to date.");
@@ -105,9 +120,15 @@ void write(const Gain& gain, v1::Gain* out) {
   out->set_gain_db(gain.gain_db);
   if (gain.sheet_id) out->set_sheet_id(*gain.sheet_id);
   if (gain.kind) switch (*gain.kind) {
-      case SoundKind::kCrumpling: out->set_kind(v1::SOUND_KIND_CRUMPLING); break;
-      case SoundKind::kFriction: out->set_kind(v1::SOUND_KIND_FRICTION); break;
-      case SoundKind::kTearing: out->set_kind(v1::SOUND_KIND_TEARING); break;
+      case SoundKind::kCrumpling:
+        out->set_kind(v1::SOUND_KIND_CRUMPLING);
+        break;
+      case SoundKind::kFriction:
+        out->set_kind(v1::SOUND_KIND_FRICTION);
+        break;
+      case SoundKind::kTearing:
+        out->set_kind(v1::SOUND_KIND_TEARING);
+        break;
     }
   out->set_material(gain.material);
 }
@@ -236,8 +257,7 @@ tl::expected<ControlRequest, ControlError> decode_control(std::span<const std::b
     return tl::unexpected(ControlError{request.request_id(), good.error()});
   auto body = decode_body(request, limits);
   if (!body) return tl::unexpected(ControlError{request.request_id(), std::move(body.error())});
-  return ControlRequest{
-      .request_id = request.request_id(), .session_id = request.session_id(), .body = std::move(*body)};
+  return ControlRequest{.request_id = request.request_id(), .session_id = request.session_id(), .body = std::move(*body)};
 }
 
 std::string encode_reply(std::uint64_t request_id, const ControlReply& reply) {

@@ -23,10 +23,10 @@ namespace rustle::wire {
 
 /// A sound's level is the product of all gains that match it.
 struct Gain {
-  double gain_db = 0;                         ///< -200 to 60
-  std::optional<std::uint32_t> sheet_id;      ///< absent: every sheet
-  std::optional<synthesis::SoundKind> kind;   ///< absent: every kind
-  std::string material;                       ///< empty: every material
+  double gain_db = 0;                        ///< -200 to 60
+  std::optional<std::uint32_t> sheet_id;     ///< absent: every sheet
+  std::optional<synthesis::SoundKind> kind;  ///< absent: every kind
+  std::string material;                      ///< empty: every material
 };
 
 struct HelloRequest {
@@ -77,7 +77,7 @@ struct ControlError {
                                                                         const Limits& limits = {});
 
 struct Welcome {
-  std::string server;  ///< name and version
+  std::string server;           ///< name and version
   std::string stream_endpoint;  ///< empty: the daemon connects out instead
   std::string out_endpoint;
   std::uint32_t rate_hz = 0;
@@ -85,8 +85,8 @@ struct Welcome {
 };
 struct Attached {
   std::string session_id;
-  session::SessionOptions options;    ///< as in force
-  std::optional<FlowCredit> credit;   ///< simulation clock: the first window
+  session::SessionOptions options;   ///< as in force
+  std::optional<FlowCredit> credit;  ///< simulation clock: the first window
 };
 struct Statistics {
   std::string session_id;

@@ -17,7 +17,8 @@ using sheet::Vec3f;
 namespace {
 
 tl::unexpected<Error> refuse_order(std::string_view field, double time_s, double newest_s, std::string_view rule) {
-  return refuse(ErrorCode::kTimeOrder, field, fmt::format("{} is {} s, after {} s was taken; {}.", field, time_s, newest_s, rule),
+  return refuse(ErrorCode::kTimeOrder, field,
+                fmt::format("{} is {} s, after {} s was taken; {}.", field, time_s, newest_s, rule),
                 "Send in the order of time; to begin anew, attach a new session.");
 }
 
@@ -42,8 +43,12 @@ tl::expected<engine::SheetDescription, Error> decode_sheet(const v1::Sheet& sent
   out.touched_surface = sent.touched_surface();
   switch (sent.kind()) {
     case v1::SHEET_KIND_UNSPECIFIED:
-    case v1::SHEET_KIND_PAPER: out.kind = engine::SheetKind::kPaper; break;
-    case v1::SHEET_KIND_CLOTH: out.kind = engine::SheetKind::kCloth; break;
+    case v1::SHEET_KIND_PAPER:
+      out.kind = engine::SheetKind::kPaper;
+      break;
+    case v1::SHEET_KIND_CLOTH:
+      out.kind = engine::SheetKind::kCloth;
+      break;
     default:
       return refuse(ErrorCode::kUnsupported, field("kind"), fmt::format("{} is {}.", field("kind"), int{sent.kind()}),
                     "Choose paper or cloth.");
@@ -94,12 +99,18 @@ Decoder::Item Decoder::decode_body(const StreamEnvelope& envelope) {
     return refuse(ErrorCode::kTimeOrder, "body", "The session has ended; nothing is taken after its end.",
                   "Attach a new session.");
   switch (envelope.body()) {
-    case Body::kAnnouncement: return std::nullopt;
-    case Body::kSheet: return describe_sheet(message.sheet());
-    case Body::kTopology: return keep_topology(message.topology());
-    case Body::kFrame: return decode_frame(message.frame());
-    case Body::kScene: return decode_scene(message.scene());
-    case Body::kTearTips: return decode_tear_tips(message.tear_tips());
+    case Body::kAnnouncement:
+      return std::nullopt;
+    case Body::kSheet:
+      return describe_sheet(message.sheet());
+    case Body::kTopology:
+      return keep_topology(message.topology());
+    case Body::kFrame:
+      return decode_frame(message.frame());
+    case Body::kScene:
+      return decode_scene(message.scene());
+    case Body::kTearTips:
+      return decode_tear_tips(message.tear_tips());
     case Body::kListener: {
       const v1::Listener& sent = message.listener();
       if (const auto good = check_time(sent.time_s(), "listener.time_s", limits_); !good)
@@ -108,7 +119,8 @@ Decoder::Item Decoder::decode_body(const StreamEnvelope& envelope) {
         return refuse_order("listener.time_s", sent.time_s(), *newest_listener_s_, "listener times do not decrease");
       if (!sent.has_position())
         return refuse(ErrorCode::kMalformed, "listener.position", "The listener has no position.", "Send its position.");
-      const auto position = read_vector(sent.position(), metres_per_unit_, y_up_, limits_.position_m, "listener.position", "m");
+      const auto position =
+          read_vector(sent.position(), metres_per_unit_, y_up_, limits_.position_m, "listener.position", "m");
       if (!position) return tl::unexpected(position.error());
       const auto forward = read_direction(sent.forward(), y_up_, "listener.forward");
       if (!forward) return tl::unexpected(forward.error());
@@ -149,15 +161,15 @@ Decoder::Item Decoder::describe_sheet(const v1::Sheet& sent) {
 Decoder::Item Decoder::keep_topology(const v1::Topology& sent) {
   const std::size_t vertices = sent.vertex_count();
   if (vertices > limits_.vertices)
-    return refuse(ErrorCode::kTooLarge, "topology.vertex_count",
-                  fmt::format("Topology {} has {} vertices; at most {} are taken.", sent.topology_id(), vertices,
-                              limits_.vertices),
-                  "Send a coarser mesh, or several sheets.");
+    return refuse(
+        ErrorCode::kTooLarge, "topology.vertex_count",
+        fmt::format("Topology {} has {} vertices; at most {} are taken.", sent.topology_id(), vertices, limits_.vertices),
+        "Send a coarser mesh, or several sheets.");
   auto triangles = read_triangles(sent.triangles(), vertices, limits_.triangles, "topology.triangles");
   if (!triangles) return tl::unexpected(std::move(triangles.error()));
   if (triangles->empty())
-    return refuse(ErrorCode::kMalformed, "topology.triangles", fmt::format("Topology {} has no triangle.", sent.topology_id()),
-                  "Send at least one.");
+    return refuse(ErrorCode::kMalformed, "topology.triangles",
+                  fmt::format("Topology {} has no triangle.", sent.topology_id()), "Send at least one.");
 
   sheet::Topology::Input input{.id = sent.topology_id(),
                                .vertex_count = vertices,
@@ -189,17 +201,16 @@ Decoder::Item Decoder::keep_topology(const v1::Topology& sent) {
         std::ranges::equal(old.material_coordinates_m(), input.material_coordinates_m) &&
         std::ranges::equal(old.rest_positions_m(), input.rest_positions_m))
       return std::nullopt;
-    return refuse(ErrorCode::kMalformed, "topology.topology_id",
-                  fmt::format("Topology {} was sent before with other content; a topology never changes.", sent.topology_id()),
-                  "Give the new one an id of its own.");
+    return refuse(
+        ErrorCode::kMalformed, "topology.topology_id",
+        fmt::format("Topology {} was sent before with other content; a topology never changes.", sent.topology_id()),
+        "Give the new one an id of its own.");
   }
   auto made = sheet::Topology::make(std::move(input));
-  if (!made)
-    return refuse(ErrorCode::kMalformed, "topology", std::move(made.error()), "Correct the mesh that is sent.");
-  topologies_.emplace(sent.topology_id(), KnownTopology{.topology = std::move(*made),
-                                                        .last_use = ++topology_clock_,
-                                                        .used = false,
-                                                        .current_of_sheets = 0});
+  if (!made) return refuse(ErrorCode::kMalformed, "topology", std::move(made.error()), "Correct the mesh that is sent.");
+  topologies_.emplace(
+      sent.topology_id(),
+      KnownTopology{.topology = std::move(*made), .last_use = ++topology_clock_, .used = false, .current_of_sheets = 0});
   drop_old_topologies();
   return std::nullopt;
 }
@@ -271,8 +282,9 @@ Decoder::Item Decoder::decode_frame(const v1::MeshFrame& sent) {
 
   if (const auto good = check_size(sent.positions(), vertices, sizeof(Vec3f), "frame.positions", "vertices"); !good)
     return tl::unexpected(good.error());
-  auto positions = read_points(sent.positions(), metres_per_unit_, y_up_,
-                               {.field = "frame.positions", .item = "Vertex", .limit = limits_.position_m, .limit_unit = "m"});
+  auto positions =
+      read_points(sent.positions(), metres_per_unit_, y_up_,
+                  {.field = "frame.positions", .item = "Vertex", .limit = limits_.position_m, .limit_unit = "m"});
   if (!positions) return tl::unexpected(std::move(positions.error()));
   frame.positions_m = std::move(*positions);
 
@@ -316,7 +328,8 @@ tl::expected<std::vector<sheet::SentContact>, Error> Decoder::decode_contacts(co
                                                                               std::size_t vertices) const {
   const auto count = count_rows(sent.vertices(), sizeof(std::uint32_t), limits_.contacts, "frame.contacts.vertices");
   if (!count) return tl::unexpected(count.error());
-  if (const auto good = check_size(sent.partners(), *count, sizeof(std::uint32_t), "frame.contacts.partners", "contacts"); !good)
+  if (const auto good = check_size(sent.partners(), *count, sizeof(std::uint32_t), "frame.contacts.partners", "contacts");
+      !good)
     return tl::unexpected(good.error());
   const auto table_size = static_cast<std::size_t>(sent.partner_table_size());
   if (table_size > limits_.contact_partners)
@@ -337,7 +350,8 @@ tl::expected<std::vector<sheet::SentContact>, Error> Decoder::decode_contacts(co
       case v1::ContactPartner::kSheetId:
         if (!sheets_.contains(partner.sheet_id()))
           return refuse(ErrorCode::kUnknownSheet, "frame.contacts.partner_table",
-                        fmt::format("Sheet {} was never described.", partner.sheet_id()), "Send a Sheet with this id first.");
+                        fmt::format("Sheet {} was never described.", partner.sheet_id()),
+                        "Send a Sheet with this id first.");
         table.emplace_back(sheet::SheetPartner{partner.sheet_id()});
         break;
       case v1::ContactPartner::PARTNER_NOT_SET:
@@ -373,10 +387,8 @@ tl::expected<std::vector<sheet::SentContact>, Error> Decoder::decode_contacts(co
   std::vector<sheet::SentContact> contacts;
   contacts.reserve(*count);
   for (std::size_t c = 0; c < *count; ++c) {
-    sheet::SentContact contact{.vertex = (*touching)[c],
-                               .partner = table[(*partners)[c]],
-                               .slip_velocity_m_per_s = {},
-                               .normal_force_n = {}};
+    sheet::SentContact contact{
+        .vertex = (*touching)[c], .partner = table[(*partners)[c]], .slip_velocity_m_per_s = {}, .normal_force_n = {}};
     if (!slips.empty()) contact.slip_velocity_m_per_s = slips[c];
     if (!forces.empty()) contact.normal_force_n = forces[c];
     contacts.push_back(contact);
@@ -393,8 +405,8 @@ tl::expected<sheet::SentPartition, Error> Decoder::decode_partition(const v1::Pa
     return tl::unexpected(good.error());
   const auto rulings = count_rows(sent.rulings(), 2 * sizeof(Vec3f), limits_.rulings, "frame.partition.rulings");
   if (!rulings) return tl::unexpected(rulings.error());
-  if (const auto good = check_size(sent.ruling_regions(), *rulings, sizeof(std::uint32_t), "frame.partition.ruling_regions",
-                                   "rulings");
+  if (const auto good =
+          check_size(sent.ruling_regions(), *rulings, sizeof(std::uint32_t), "frame.partition.ruling_regions", "rulings");
       !good)
     return tl::unexpected(good.error());
   const auto singular =
@@ -407,8 +419,8 @@ tl::expected<sheet::SentPartition, Error> Decoder::decode_partition(const v1::Pa
       return tl::unexpected(good.error());
 
   sheet::SentPartition out;
-  auto triangle_regions = read_indices(sent.triangle_regions(), *regions, true, "frame.partition.triangle_regions", "Triangle",
-                                       "regions (region_curved has one entry each)");
+  auto triangle_regions = read_indices(sent.triangle_regions(), *regions, true, "frame.partition.triangle_regions",
+                                       "Triangle", "regions (region_curved has one entry each)");
   if (!triangle_regions) return tl::unexpected(std::move(triangle_regions.error()));
   out.triangle_regions = std::move(*triangle_regions);
   out.region_curved.resize(*regions);
@@ -418,8 +430,8 @@ tl::expected<sheet::SentPartition, Error> Decoder::decode_partition(const v1::Pa
       sent.rulings(), metres_per_unit_, y_up_,
       {.field = "frame.partition.rulings", .item = "Ruling end", .limit = limits_.position_m, .limit_unit = "m"});
   if (!ends) return tl::unexpected(ends.error());
-  const auto ruling_regions = read_indices(sent.ruling_regions(), *regions, false, "frame.partition.ruling_regions", "Ruling",
-                                           "regions (region_curved has one entry each)");
+  const auto ruling_regions = read_indices(sent.ruling_regions(), *regions, false, "frame.partition.ruling_regions",
+                                           "Ruling", "regions (region_curved has one entry each)");
   if (!ruling_regions) return tl::unexpected(ruling_regions.error());
   out.rulings.reserve(*rulings);
   for (std::size_t r = 0; r < *rulings; ++r)
@@ -432,8 +444,7 @@ tl::expected<sheet::SentPartition, Error> Decoder::decode_partition(const v1::Pa
   out.singular_points.reserve(*singular);
   for (std::size_t s = 0; s < *singular; ++s)
     out.singular_points.push_back(
-        {.position_m = (*points)[s],
-         .on_border = !sent.singular_on_border().empty() && sent.singular_on_border()[s] != 0});
+        {.position_m = (*points)[s], .on_border = !sent.singular_on_border().empty() && sent.singular_on_border()[s] != 0});
   return out;
 }
 

@@ -43,12 +43,12 @@ struct Decoded {
 [[nodiscard]] tl::expected<engine::SheetDescription, Error> decode_sheet(const v1::Sheet& sheet, std::string_view prefix,
                                                                          const Limits& limits);
 
-/// One session's stream, from messages to the engine's input: metres, seconds, z up. Holds the session's topologies, and knows
-/// its sheets and obstacles, so that everything it returns refers to things that exist.
+/// One session's stream, from messages to the engine's input: metres, seconds, z up. Holds the session's topologies, and
+/// knows its sheets and obstacles, so that everything it returns refers to things that exist.
 ///
 /// Conversion: lengths times metres_per_unit (material coordinates, rest positions, velocities, slip velocities and the tear
-/// tips' speed too); with y up (x, y, z) -> (x, -z, y). Obstacle shapes stay in their own frame, whose orientation is turned, so
-/// that "its own z" means what the sender means by it. A plane's point and normal are taken into its pose.
+/// tips' speed too); with y up (x, y, z) -> (x, -z, y). Obstacle shapes stay in their own frame, whose orientation is
+/// turned, so that "its own z" means what the sender means by it. A plane's point and normal are taken into its pose.
 ///
 /// Times: a sheet's frames increase; its tear tips, and the session's scene and listener updates, do not decrease. Nothing
 /// but announcements follows the end.

@@ -57,7 +57,8 @@ tl::expected<scene::Pose, Error> Decoder::decode_pose(const v1::Pose* sent, cons
   return pose;
 }
 
-tl::expected<Decoder::NewObstacle, Error> Decoder::decode_obstacle(const v1::Obstacle& sent, const std::string& field) const {
+tl::expected<Decoder::NewObstacle, Error> Decoder::decode_obstacle(const v1::Obstacle& sent,
+                                                                   const std::string& field) const {
   NewObstacle out;
   scene::Obstacle& obstacle = out.obstacle;
   obstacle.id = sent.obstacle_id();
@@ -74,13 +75,15 @@ tl::expected<Decoder::NewObstacle, Error> Decoder::decode_obstacle(const v1::Obs
   }
 
   const auto length = [&](double units, double low_m, const std::string& name) {
-    return check_range(units * metres_per_unit_, low_m, limits_.position_m, field + name, "m")
-        .map([&] { return units * metres_per_unit_; });
+    return check_range(units * metres_per_unit_, low_m, limits_.position_m, field + name, "m").map([&] {
+      return units * metres_per_unit_;
+    });
   };
   constexpr double kLeast_m = 1e-6;
   switch (sent.shape_case()) {
     case v1::Obstacle::kPlane: {
-      const auto point = read_vector(sent.plane().point(), metres_per_unit_, false, limits_.position_m, field + ".plane.point", "m");
+      const auto point =
+          read_vector(sent.plane().point(), metres_per_unit_, false, limits_.position_m, field + ".plane.point", "m");
       if (!point) return tl::unexpected(point.error());
       const auto normal = read_direction(sent.plane().normal(), false, field + ".plane.normal");
       if (!normal) return tl::unexpected(normal.error());

@@ -177,9 +177,15 @@ std::string encode_notice(const OutHeader& header, const Notice& notice) {
   v1::OutMessage message = begin(header);
   v1::Notice& out = *message.mutable_notice();
   switch (notice.level) {
-    case NoticeLevel::kInfo: out.set_level(v1::NOTICE_LEVEL_INFO); break;
-    case NoticeLevel::kWarning: out.set_level(v1::NOTICE_LEVEL_WARNING); break;
-    case NoticeLevel::kError: out.set_level(v1::NOTICE_LEVEL_ERROR); break;
+    case NoticeLevel::kInfo:
+      out.set_level(v1::NOTICE_LEVEL_INFO);
+      break;
+    case NoticeLevel::kWarning:
+      out.set_level(v1::NOTICE_LEVEL_WARNING);
+      break;
+    case NoticeLevel::kError:
+      out.set_level(v1::NOTICE_LEVEL_ERROR);
+      break;
   }
   out.set_code(notice.code);
   out.set_field(notice.field);

@@ -41,9 +41,9 @@ struct PcmHeader {
   std::int64_t first_sample = 0;  ///< 0 is the session's time origin
   std::uint32_t rate_hz = 0;
   std::uint32_t channels = 0;
-  PcmFormat format = PcmFormat::kF32;   ///< f32 or s16
-  std::uint64_t missing_samples = 0;    ///< lost before this message
-  double time_s = 0;                    ///< simulation time of the first sample
+  PcmFormat format = PcmFormat::kF32;  ///< f32 or s16
+  std::uint64_t missing_samples = 0;   ///< lost before this message
+  double time_s = 0;                   ///< simulation time of the first sample
   std::variant<MixContent, StemContent, EmitterContent> content;
 };
 

@@ -55,17 +55,16 @@ tl::expected<std::string, std::string> check_ipc(std::string_view endpoint, std:
   const std::string_view path = endpoint.substr(kIpc.size());
   constexpr std::size_t kLongest = sizeof(sockaddr_un::sun_path) - 1;
   if (path.empty() || path == "*")
-    return tl::unexpected(fmt::format("{} {}: an ipc endpoint needs a path, such as ipc:///run/rustle/control.", flag, endpoint));
-  if (path.size() > kLongest)
     return tl::unexpected(
-        fmt::format("{} {}: the path has {} bytes, a socket's may have {}; choose a shorter one.", flag, endpoint, path.size(),
-                    kLongest));
+        fmt::format("{} {}: an ipc endpoint needs a path, such as ipc:///run/rustle/control.", flag, endpoint));
+  if (path.size() > kLongest)
+    return tl::unexpected(fmt::format("{} {}: the path has {} bytes, a socket's may have {}; choose a shorter one.", flag,
+                                      endpoint, path.size(), kLongest));
   return std::string(endpoint);
 }
 
 tl::unexpected<std::string> not_an_endpoint(std::string_view endpoint, std::string_view flag) {
-  return tl::unexpected(
-      fmt::format("{} {}: no endpoint; write tcp://127.0.0.1:PORT or ipc://PATH.", flag, endpoint));
+  return tl::unexpected(fmt::format("{} {}: no endpoint; write tcp://127.0.0.1:PORT or ipc://PATH.", flag, endpoint));
 }
 
 }  // namespace
@@ -76,12 +75,14 @@ tl::expected<std::string, std::string> check_bind_endpoint(std::string_view endp
   const auto parts = split_tcp(endpoint);
   if (!parts) return not_an_endpoint(endpoint, flag);
   if (!is_loopback(parts->host))
-    return tl::unexpected(fmt::format(
-        "{} {}: only this machine may be served yet, since nobody who connects is asked for a key; bind tcp://127.0.0.1:{} or "
-        "an ipc:// path, and reach it from elsewhere through a tunnel (ssh -L).",
-        flag, endpoint, parts->port == "*" ? "PORT" : parts->port));
+    return tl::unexpected(
+        fmt::format("{} {}: only this machine may be served yet, since nobody who connects is asked for a key; bind "
+                    "tcp://127.0.0.1:{} or "
+                    "an ipc:// path, and reach it from elsewhere through a tunnel (ssh -L).",
+                    flag, endpoint, parts->port == "*" ? "PORT" : parts->port));
   if (parts->port != "*" && !number_up_to(parts->port, 65'535))
-    return tl::unexpected(fmt::format("{} {}: \"{}\" is no port; give a number from 0 to 65535.", flag, endpoint, parts->port));
+    return tl::unexpected(
+        fmt::format("{} {}: \"{}\" is no port; give a number from 0 to 65535.", flag, endpoint, parts->port));
   const std::string_view host = parts->host == "localhost" ? "127.0.0.1" : parts->host;
   return fmt::format("{}{}:{}", kTcp, host, parts->port);
 }
@@ -93,10 +94,11 @@ tl::expected<std::string, std::string> check_connect_endpoint(std::string_view e
   if (!parts) return not_an_endpoint(endpoint, flag);
   const auto port = number_up_to(parts->port, 65'535);
   if (!port || *port == 0)
-    return tl::unexpected(fmt::format("{} {}: \"{}\" is no port; give a number from 1 to 65535.", flag, endpoint, parts->port));
+    return tl::unexpected(
+        fmt::format("{} {}: \"{}\" is no port; give a number from 1 to 65535.", flag, endpoint, parts->port));
   if (parts->host == "*" || parts->host == "0.0.0.0")
-    return tl::unexpected(fmt::format("{} {}: name the publisher's machine, such as tcp://127.0.0.1:{}.", flag, endpoint,
-                                      parts->port));
+    return tl::unexpected(
+        fmt::format("{} {}: name the publisher's machine, such as tcp://127.0.0.1:{}.", flag, endpoint, parts->port));
   return std::string(endpoint);
 }
 
@@ -115,8 +117,8 @@ bool ipc_in_use(std::string_view endpoint) {
   }
   const int probe = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
   if (probe < 0) return false;
-  const bool answered = ::connect(probe, static_cast<const sockaddr*>(static_cast<const void*>(&address)), length) == 0 ||
-                        errno == EAGAIN;
+  const bool answered =
+      ::connect(probe, static_cast<const sockaddr*>(static_cast<const void*>(&address)), length) == 0 || errno == EAGAIN;
   ::close(probe);
   return answered;
 }

@@ -7,13 +7,14 @@
 
 namespace rustle::wire {
 
-/// An endpoint that may be bound: "tcp://" with a loopback address (127.0.0.0/8, [::1] or localhost) and a port ("*" lets the
-/// system choose one), or "ipc://" with a path that fits a socket address. Returns it as ZeroMQ wants it.
-/// `flag` such as "--control" is named in the error. Pure.
+/// An endpoint that may be bound: "tcp://" with a loopback address (127.0.0.0/8, [::1] or localhost) and a port ("*" lets
+/// the system choose one), or "ipc://" with a path that fits a socket address. Returns it as ZeroMQ wants it. `flag` such as
+/// "--control" is named in the error. Pure.
 [[nodiscard]] tl::expected<std::string, std::string> check_bind_endpoint(std::string_view endpoint, std::string_view flag);
 
 /// An endpoint that may be connected to: "tcp://HOST:PORT" or "ipc://PATH". Pure.
-[[nodiscard]] tl::expected<std::string, std::string> check_connect_endpoint(std::string_view endpoint, std::string_view flag);
+[[nodiscard]] tl::expected<std::string, std::string> check_connect_endpoint(std::string_view endpoint,
+                                                                            std::string_view flag);
 
 /// True where somebody answers on this ipc endpoint: ZeroMQ would take the path away from them without a word.
 bool ipc_in_use(std::string_view endpoint);

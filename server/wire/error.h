@@ -32,24 +32,42 @@ enum class ErrorCode : std::uint8_t {
 /// The code as notices and logs spell it, such as "unknown_topology".
 constexpr std::string_view code_name(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kUnspecified: return "unspecified";
-    case ErrorCode::kProtocolVersion: return "protocol_version";
-    case ErrorCode::kMalformed: return "malformed";
-    case ErrorCode::kOutOfRange: return "out_of_range";
-    case ErrorCode::kNotFinite: return "not_finite";
-    case ErrorCode::kUnknownSession: return "unknown_session";
-    case ErrorCode::kUnknownSheet: return "unknown_sheet";
-    case ErrorCode::kUnknownTopology: return "unknown_topology";
-    case ErrorCode::kUnknownObstacle: return "unknown_obstacle";
-    case ErrorCode::kUnknownMaterial: return "unknown_material";
-    case ErrorCode::kSessionExists: return "session_exists";
-    case ErrorCode::kTimeOrder: return "time_order";
-    case ErrorCode::kTooLarge: return "too_large";
-    case ErrorCode::kQuotaExceeded: return "quota_exceeded";
-    case ErrorCode::kPermissionDenied: return "permission_denied";
-    case ErrorCode::kOverloaded: return "overloaded";
-    case ErrorCode::kUnsupported: return "unsupported";
-    case ErrorCode::kStorage: return "storage";
+    case ErrorCode::kUnspecified:
+      return "unspecified";
+    case ErrorCode::kProtocolVersion:
+      return "protocol_version";
+    case ErrorCode::kMalformed:
+      return "malformed";
+    case ErrorCode::kOutOfRange:
+      return "out_of_range";
+    case ErrorCode::kNotFinite:
+      return "not_finite";
+    case ErrorCode::kUnknownSession:
+      return "unknown_session";
+    case ErrorCode::kUnknownSheet:
+      return "unknown_sheet";
+    case ErrorCode::kUnknownTopology:
+      return "unknown_topology";
+    case ErrorCode::kUnknownObstacle:
+      return "unknown_obstacle";
+    case ErrorCode::kUnknownMaterial:
+      return "unknown_material";
+    case ErrorCode::kSessionExists:
+      return "session_exists";
+    case ErrorCode::kTimeOrder:
+      return "time_order";
+    case ErrorCode::kTooLarge:
+      return "too_large";
+    case ErrorCode::kQuotaExceeded:
+      return "quota_exceeded";
+    case ErrorCode::kPermissionDenied:
+      return "permission_denied";
+    case ErrorCode::kOverloaded:
+      return "overloaded";
+    case ErrorCode::kUnsupported:
+      return "unsupported";
+    case ErrorCode::kStorage:
+      return "storage";
   }
   return "unspecified";
 }

@@ -73,8 +73,8 @@ tl::expected<void, Error> check_size(const std::string& bytes, std::size_t count
                                      std::string_view field, std::string_view counted) {
   if (bytes.size() == count * row_bytes) return {};
   return refuse(ErrorCode::kMalformed, field,
-                fmt::format("{} has {} bytes; {} {} of {} bytes each make {}.", field, bytes.size(), count, counted, row_bytes,
-                            count * row_bytes),
+                fmt::format("{} has {} bytes; {} {} of {} bytes each make {}.", field, bytes.size(), count, counted,
+                            row_bytes, count * row_bytes),
                 "Send one row for each, little-endian and without padding.");
 }
 
@@ -160,10 +160,10 @@ tl::expected<std::vector<sheet::Triangle>, Error> read_triangles(const std::stri
   for (std::size_t t = 0; t < triangles.size(); ++t)
     for (const std::uint32_t vertex : triangles[t])
       if (vertex >= vertex_count)
-        return refuse(ErrorCode::kOutOfRange, field,
-                      fmt::format("Triangle {} of {} names vertex {}, but there are {} vertices.", t, field, vertex,
-                                  vertex_count),
-                      "Count vertices from 0, and send unsigned 32-bit indices.");
+        return refuse(
+            ErrorCode::kOutOfRange, field,
+            fmt::format("Triangle {} of {} names vertex {}, but there are {} vertices.", t, field, vertex, vertex_count),
+            "Count vertices from 0, and send unsigned 32-bit indices.");
   return triangles;
 }
 

@@ -39,10 +39,10 @@ void keep_protobuf_quiet();
 
 /// How an array's entries are bounded and named in errors.
 struct ArrayField {
-  std::string_view field;      ///< "frame.positions"
-  std::string_view item;       ///< "vertex"
-  double limit;                ///< |component| after conversion
-  std::string_view limit_unit; ///< "m"
+  std::string_view field;       ///< "frame.positions"
+  std::string_view item;        ///< "vertex"
+  double limit;                 ///< |component| after conversion
+  std::string_view limit_unit;  ///< "m"
 };
 
 /// `bytes` must be `count` rows of `row_bytes`.

@@ -33,9 +33,9 @@ struct Limits {
   std::size_t singular_points = 200'000;
   std::size_t gains = 1024;
 
-  double time_s = 1e9;          ///< |time|
-  double position_m = 1e5;      ///< |coordinate|, material coordinates and sizes too
-  double speed_m_per_s = 1e5;   ///< |component|
+  double time_s = 1e9;         ///< |time|
+  double position_m = 1e5;     ///< |coordinate|, material coordinates and sizes too
+  double speed_m_per_s = 1e5;  ///< |component|
   double normal_force_n = 1e9;
   double metres_per_unit_min = 1e-6;
   double metres_per_unit_max = 1e6;

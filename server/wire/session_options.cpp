@@ -8,8 +8,8 @@ namespace rustle::wire {
 namespace {
 
 using session::ChannelLayout;
-using session::ClothFeatures;
 using session::Clock;
+using session::ClothFeatures;
 using session::SynthesisMode;
 using session::UpAxis;
 
@@ -27,35 +27,64 @@ tl::expected<session::SessionOptions, Error> from_wire(const v1::SessionOptions&
 
   switch (options.clock()) {
     case v1::CLOCK_UNSPECIFIED:
-    case v1::CLOCK_LIVE: out.clock = Clock::kLive; break;
-    case v1::CLOCK_SIMULATION: out.clock = Clock::kSimulation; break;
-    default: return refuse_choice(field("clock"), options.clock());
+    case v1::CLOCK_LIVE:
+      out.clock = Clock::kLive;
+      break;
+    case v1::CLOCK_SIMULATION:
+      out.clock = Clock::kSimulation;
+      break;
+    default:
+      return refuse_choice(field("clock"), options.clock());
   }
   switch (options.up_axis()) {
     case v1::UP_AXIS_UNSPECIFIED:
-    case v1::UP_AXIS_Z: out.up_axis = UpAxis::kZ; break;
-    case v1::UP_AXIS_Y: out.up_axis = UpAxis::kY; break;
-    default: return refuse_choice(field("up_axis"), options.up_axis());
+    case v1::UP_AXIS_Z:
+      out.up_axis = UpAxis::kZ;
+      break;
+    case v1::UP_AXIS_Y:
+      out.up_axis = UpAxis::kY;
+      break;
+    default:
+      return refuse_choice(field("up_axis"), options.up_axis());
   }
   switch (options.mode()) {
     case v1::SYNTHESIS_MODE_UNSPECIFIED:
-    case v1::SYNTHESIS_MODE_CORRECTED: out.mode = SynthesisMode::kCorrected; break;
-    case v1::SYNTHESIS_MODE_PUBLISHED: out.mode = SynthesisMode::kPublished; break;
-    default: return refuse_choice(field("mode"), options.mode());
+    case v1::SYNTHESIS_MODE_CORRECTED:
+      out.mode = SynthesisMode::kCorrected;
+      break;
+    case v1::SYNTHESIS_MODE_PUBLISHED:
+      out.mode = SynthesisMode::kPublished;
+      break;
+    default:
+      return refuse_choice(field("mode"), options.mode());
   }
   switch (options.channels()) {
-    case v1::CHANNEL_LAYOUT_MONO: out.channels = ChannelLayout::kMono; break;
+    case v1::CHANNEL_LAYOUT_MONO:
+      out.channels = ChannelLayout::kMono;
+      break;
     case v1::CHANNEL_LAYOUT_UNSPECIFIED:
-    case v1::CHANNEL_LAYOUT_STEREO: out.channels = ChannelLayout::kStereo; break;
-    case v1::CHANNEL_LAYOUT_BINAURAL: out.channels = ChannelLayout::kBinaural; break;
-    default: return refuse_choice(field("channels"), options.channels());
+    case v1::CHANNEL_LAYOUT_STEREO:
+      out.channels = ChannelLayout::kStereo;
+      break;
+    case v1::CHANNEL_LAYOUT_BINAURAL:
+      out.channels = ChannelLayout::kBinaural;
+      break;
+    default:
+      return refuse_choice(field("channels"), options.channels());
   }
   switch (options.cloth_features()) {
     case v1::CLOTH_FEATURES_UNSPECIFIED:
-    case v1::CLOTH_FEATURES_CAUSAL: out.cloth_features = ClothFeatures::kCausal; break;
-    case v1::CLOTH_FEATURES_SYMMETRIC: out.cloth_features = ClothFeatures::kSymmetric; break;
-    case v1::CLOTH_FEATURES_GLOBAL: out.cloth_features = ClothFeatures::kGlobal; break;
-    default: return refuse_choice(field("cloth_features"), options.cloth_features());
+    case v1::CLOTH_FEATURES_CAUSAL:
+      out.cloth_features = ClothFeatures::kCausal;
+      break;
+    case v1::CLOTH_FEATURES_SYMMETRIC:
+      out.cloth_features = ClothFeatures::kSymmetric;
+      break;
+    case v1::CLOTH_FEATURES_GLOBAL:
+      out.cloth_features = ClothFeatures::kGlobal;
+      break;
+    default:
+      return refuse_choice(field("cloth_features"), options.cloth_features());
   }
 
   if (const auto good = check_time(options.time_origin_s(), field("time_origin_s"), limits); !good)
@@ -102,14 +131,26 @@ void to_wire(const session::SessionOptions& options, v1::SessionOptions* out) {
   out->set_rate_hz(options.rate_hz);
   out->set_block_size(options.block_size);
   switch (options.channels) {
-    case ChannelLayout::kMono: out->set_channels(v1::CHANNEL_LAYOUT_MONO); break;
-    case ChannelLayout::kStereo: out->set_channels(v1::CHANNEL_LAYOUT_STEREO); break;
-    case ChannelLayout::kBinaural: out->set_channels(v1::CHANNEL_LAYOUT_BINAURAL); break;
+    case ChannelLayout::kMono:
+      out->set_channels(v1::CHANNEL_LAYOUT_MONO);
+      break;
+    case ChannelLayout::kStereo:
+      out->set_channels(v1::CHANNEL_LAYOUT_STEREO);
+      break;
+    case ChannelLayout::kBinaural:
+      out->set_channels(v1::CHANNEL_LAYOUT_BINAURAL);
+      break;
   }
   switch (options.cloth_features) {
-    case ClothFeatures::kCausal: out->set_cloth_features(v1::CLOTH_FEATURES_CAUSAL); break;
-    case ClothFeatures::kSymmetric: out->set_cloth_features(v1::CLOTH_FEATURES_SYMMETRIC); break;
-    case ClothFeatures::kGlobal: out->set_cloth_features(v1::CLOTH_FEATURES_GLOBAL); break;
+    case ClothFeatures::kCausal:
+      out->set_cloth_features(v1::CLOTH_FEATURES_CAUSAL);
+      break;
+    case ClothFeatures::kSymmetric:
+      out->set_cloth_features(v1::CLOTH_FEATURES_SYMMETRIC);
+      break;
+    case ClothFeatures::kGlobal:
+      out->set_cloth_features(v1::CLOTH_FEATURES_GLOBAL);
+      break;
   }
   out->set_default_material(options.default_material);
   out->set_record(options.record);

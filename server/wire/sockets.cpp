@@ -21,7 +21,9 @@ namespace {
 
 static_assert(sizeof(zmq_msg_t) == 64 && alignof(zmq_msg_t) <= alignof(void*));
 
-zmq_msg_t* raw(std::byte* storage) { return static_cast<zmq_msg_t*>(static_cast<void*>(storage)); }
+zmq_msg_t* raw(std::byte* storage) {
+  return static_cast<zmq_msg_t*>(static_cast<void*>(storage));
+}
 
 /// libzmq's defaults that bite: no limit on sizes, LINGER for ever, 30 s for a handshake, no heartbeats, 1023 sockets.
 constexpr int kIoThreads = 1;
@@ -58,25 +60,26 @@ class Socket {
     return handle_ != nullptr && set(ZMQ_LINGER, kLingerMs) && set64(ZMQ_MAXMSGSIZE, message_bytes) &&
            set(ZMQ_SNDHWM, send_queue) && set(ZMQ_RCVHWM, receive_queue) && set(ZMQ_HANDSHAKE_IVL, kHandshakeMs) &&
            set(ZMQ_HEARTBEAT_IVL, kHeartbeatMs) && set(ZMQ_HEARTBEAT_TIMEOUT, kHeartbeatTimeoutMs) &&
-           set(ZMQ_HEARTBEAT_TTL, kHeartbeatTimeoutMs) && set(ZMQ_BACKLOG, kBacklog) && set(ZMQ_RECONNECT_IVL, kReconnectMs) &&
-           set(ZMQ_RECONNECT_IVL_MAX, kReconnectMaxMs);
+           set(ZMQ_HEARTBEAT_TTL, kHeartbeatTimeoutMs) && set(ZMQ_BACKLOG, kBacklog) &&
+           set(ZMQ_RECONNECT_IVL, kReconnectMs) && set(ZMQ_RECONNECT_IVL_MAX, kReconnectMaxMs);
   }
 
   tl::expected<std::string, std::string> bind(std::string_view endpoint, std::string_view flag) {
     const auto checked = check_bind_endpoint(endpoint, flag);
     if (!checked) return checked;
     if (ipc_in_use(*checked))
-      return tl::unexpected(
-          fmt::format("{} {}: another program serves this path; end it, or choose another path with {}.", flag, endpoint, flag));
+      return tl::unexpected(fmt::format("{} {}: another program serves this path; end it, or choose another path with {}.",
+                                        flag, endpoint, flag));
     set(ZMQ_IPV6, checked->find('[') != std::string::npos ? 1 : 0);
     if (zmq_bind(handle_, checked->c_str()) != 0) {
       const int problem = errno;
       if (problem == EADDRINUSE)
-        return tl::unexpected(fmt::format(
-            "{} {}: port {} is in use, perhaps by another rustled; end it, or choose another port with {} tcp://127.0.0.1:PORT.",
-            flag, endpoint, port_of(*checked), flag));
-      return tl::unexpected(
-          fmt::format("{} {}: cannot be bound: {}; choose another endpoint with {}.", flag, endpoint, zmq_strerror(problem), flag));
+        return tl::unexpected(
+            fmt::format("{} {}: port {} is in use, perhaps by another rustled; end it, or choose another port with {} "
+                        "tcp://127.0.0.1:PORT.",
+                        flag, endpoint, port_of(*checked), flag));
+      return tl::unexpected(fmt::format("{} {}: cannot be bound: {}; choose another endpoint with {}.", flag, endpoint,
+                                        zmq_strerror(problem), flag));
     }
     char bound[256];
     std::size_t size = sizeof(bound);
@@ -107,7 +110,9 @@ struct Post {
 
 }  // namespace
 
-Message::Message() noexcept { zmq_msg_init(raw(storage_)); }
+Message::Message() noexcept {
+  zmq_msg_init(raw(storage_));
+}
 Message::Message(Message&& other) noexcept {
   zmq_msg_init(raw(storage_));
   zmq_msg_move(raw(storage_), raw(other.storage_));
@@ -116,7 +121,9 @@ Message& Message::operator=(Message&& other) noexcept {
   if (this != &other) zmq_msg_move(raw(storage_), raw(other.storage_));
   return *this;
 }
-Message::~Message() { zmq_msg_close(raw(storage_)); }
+Message::~Message() {
+  zmq_msg_close(raw(storage_));
+}
 
 std::span<const std::byte> Message::bytes() const {
   // libzmq's accessors take non-const messages but change nothing.
@@ -252,8 +259,8 @@ Sockets::~Sockets() = default;
 tl::expected<std::unique_ptr<Sockets>, std::string> Sockets::open(const Options& options) {
   auto impl = std::make_unique<Impl>();
   const auto out_of_resources = [] {
-    return tl::unexpected(fmt::format("ZeroMQ cannot make its sockets: {}; raise the limit of open files (ulimit -n).",
-                                      zmq_strerror(errno)));
+    return tl::unexpected(
+        fmt::format("ZeroMQ cannot make its sockets: {}; raise the limit of open files (ulimit -n).", zmq_strerror(errno)));
   };
   void* context = impl->context.handle;
   if (context == nullptr) return out_of_resources();
@@ -266,11 +273,12 @@ tl::expected<std::unique_ptr<Sockets>, std::string> Sockets::open(const Options&
   impl->stream = Socket(context, ZMQ_SUB);
   impl->out = Socket(context, ZMQ_XPUB);
   if (impl->wake_fd < 0 ||
-      !impl->control.configure(static_cast<std::int64_t>(options.control_bytes), kControlQueueMessages, kControlQueueMessages) ||
+      !impl->control.configure(static_cast<std::int64_t>(options.control_bytes), kControlQueueMessages,
+                               kControlQueueMessages) ||
       !impl->stream.configure(static_cast<std::int64_t>(options.message_bytes), 1, options.stream_queue_messages) ||
-      !impl->out.configure(kSubscriptionBytes, options.out_queue_messages, 0) || !impl->control.set(ZMQ_ROUTER_MANDATORY, 1) ||
-      !impl->out.set(ZMQ_XPUB_VERBOSE, 0) || !impl->out.set(ZMQ_XPUB_NODROP, 0) ||
-      zmq_setsockopt(impl->stream.get(), ZMQ_SUBSCRIBE, "", 0) != 0)
+      !impl->out.configure(kSubscriptionBytes, options.out_queue_messages, 0) ||
+      !impl->control.set(ZMQ_ROUTER_MANDATORY, 1) || !impl->out.set(ZMQ_XPUB_VERBOSE, 0) ||
+      !impl->out.set(ZMQ_XPUB_NODROP, 0) || zmq_setsockopt(impl->stream.get(), ZMQ_SUBSCRIBE, "", 0) != 0)
     return out_of_resources();
 
   auto bound = impl->control.bind(options.control, "--control");
@@ -289,14 +297,21 @@ tl::expected<std::unique_ptr<Sockets>, std::string> Sockets::open(const Options&
     if (!checked) return tl::unexpected(checked.error());
     impl->stream.set(ZMQ_IPV6, checked->find('[') != std::string::npos ? 1 : 0);
     if (zmq_connect(impl->stream.get(), checked->c_str()) != 0)
-      return tl::unexpected(fmt::format("--connect {}: {}; write tcp://HOST:PORT or ipc://PATH.", publisher, zmq_strerror(errno)));
+      return tl::unexpected(
+          fmt::format("--connect {}: {}; write tcp://HOST:PORT or ipc://PATH.", publisher, zmq_strerror(errno)));
   }
   return std::unique_ptr<Sockets>(new Sockets(std::move(impl)));
 }
 
-const std::string& Sockets::control_endpoint() const { return impl_->control_endpoint; }
-const std::string& Sockets::stream_endpoint() const { return impl_->stream_endpoint; }
-const std::string& Sockets::out_endpoint() const { return impl_->out_endpoint; }
+const std::string& Sockets::control_endpoint() const {
+  return impl_->control_endpoint;
+}
+const std::string& Sockets::stream_endpoint() const {
+  return impl_->stream_endpoint;
+}
+const std::string& Sockets::out_endpoint() const {
+  return impl_->out_endpoint;
+}
 
 void Sockets::poll(std::chrono::milliseconds timeout, std::vector<Event>& events) {
   impl_->send_waiting();
@@ -315,8 +330,12 @@ void Sockets::poll(std::chrono::milliseconds timeout, std::vector<Event>& events
   if (items[1].revents != 0) impl_->read_stream(events);
 }
 
-bool Sockets::send_control(const ControlPeer& peer, std::string_view bytes) { return impl_->send_control(peer, bytes); }
-void Sockets::publish(std::string_view topic, std::string_view bytes) { impl_->publish(topic, bytes); }
+bool Sockets::send_control(const ControlPeer& peer, std::string_view bytes) {
+  return impl_->send_control(peer, bytes);
+}
+void Sockets::publish(std::string_view topic, std::string_view bytes) {
+  impl_->publish(topic, bytes);
+}
 
 bool Sockets::has_listener(std::string_view topic) const {
   for (const std::string& prefix : impl_->topics)
@@ -344,8 +363,12 @@ void Sockets::post_control(ControlPeer peer, std::string bytes) {
   impl_->signal();
 }
 
-void Sockets::wake() { impl_->signal(); }
+void Sockets::wake() {
+  impl_->signal();
+}
 
-const Sockets::Counters& Sockets::counters() const { return impl_->counters; }
+const Sockets::Counters& Sockets::counters() const {
+  return impl_->counters;
+}
 
 }  // namespace rustle::wire

@@ -65,7 +65,7 @@ class Sockets {
     std::string control = "tcp://127.0.0.1:7390";
     std::string stream = "tcp://127.0.0.1:7391";  ///< empty: nothing is bound for the stream
     std::string out = "tcp://127.0.0.1:7392";
-    std::vector<std::string> connect;  ///< publishers to subscribe to
+    std::vector<std::string> connect;                   ///< publishers to subscribe to
     std::size_t message_bytes = std::size_t{64} << 20;  ///< a larger one costs its sender the connection
     std::size_t control_bytes = std::size_t{1} << 20;
     int stream_queue_messages = 1024;  ///< per publisher

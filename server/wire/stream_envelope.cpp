@@ -16,16 +16,26 @@ namespace {
 std::optional<StreamEnvelope::Body> body_of(const v1::StreamMessage& message) {
   using Body = StreamEnvelope::Body;
   switch (message.body_case()) {
-    case v1::StreamMessage::kAnnouncement: return Body::kAnnouncement;
-    case v1::StreamMessage::kSheet: return Body::kSheet;
-    case v1::StreamMessage::kTopology: return Body::kTopology;
-    case v1::StreamMessage::kFrame: return Body::kFrame;
-    case v1::StreamMessage::kScene: return Body::kScene;
-    case v1::StreamMessage::kListener: return Body::kListener;
-    case v1::StreamMessage::kAdvance: return Body::kAdvance;
-    case v1::StreamMessage::kEnd: return Body::kEnd;
-    case v1::StreamMessage::kTearTips: return Body::kTearTips;
-    case v1::StreamMessage::BODY_NOT_SET: return std::nullopt;
+    case v1::StreamMessage::kAnnouncement:
+      return Body::kAnnouncement;
+    case v1::StreamMessage::kSheet:
+      return Body::kSheet;
+    case v1::StreamMessage::kTopology:
+      return Body::kTopology;
+    case v1::StreamMessage::kFrame:
+      return Body::kFrame;
+    case v1::StreamMessage::kScene:
+      return Body::kScene;
+    case v1::StreamMessage::kListener:
+      return Body::kListener;
+    case v1::StreamMessage::kAdvance:
+      return Body::kAdvance;
+    case v1::StreamMessage::kEnd:
+      return Body::kEnd;
+    case v1::StreamMessage::kTearTips:
+      return Body::kTearTips;
+    case v1::StreamMessage::BODY_NOT_SET:
+      return std::nullopt;
   }
   return std::nullopt;
 }
@@ -77,21 +87,31 @@ tl::expected<StreamEnvelope, Error> StreamEnvelope::parse(std::span<const std::b
 
 std::optional<std::uint32_t> StreamEnvelope::sheet_id() const {
   switch (body_) {
-    case Body::kFrame: return message_->frame().sheet_id();
-    case Body::kTearTips: return message_->tear_tips().sheet_id();
-    case Body::kSheet: return message_->sheet().sheet_id();
-    default: return std::nullopt;
+    case Body::kFrame:
+      return message_->frame().sheet_id();
+    case Body::kTearTips:
+      return message_->tear_tips().sheet_id();
+    case Body::kSheet:
+      return message_->sheet().sheet_id();
+    default:
+      return std::nullopt;
   }
 }
 
 std::optional<double> StreamEnvelope::time_s() const {
   switch (body_) {
-    case Body::kFrame: return message_->frame().time_s();
-    case Body::kTearTips: return message_->tear_tips().time_s();
-    case Body::kScene: return message_->scene().time_s();
-    case Body::kListener: return message_->listener().time_s();
-    case Body::kAdvance: return message_->advance().time_s();
-    default: return std::nullopt;
+    case Body::kFrame:
+      return message_->frame().time_s();
+    case Body::kTearTips:
+      return message_->tear_tips().time_s();
+    case Body::kScene:
+      return message_->scene().time_s();
+    case Body::kListener:
+      return message_->listener().time_s();
+    case Body::kAdvance:
+      return message_->advance().time_s();
+    default:
+      return std::nullopt;
   }
 }
 

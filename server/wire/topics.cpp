@@ -11,9 +11,12 @@ namespace {
 
 std::string_view format_name(PcmFormat format) {
   switch (format) {
-    case PcmFormat::kF32: return "f32";
-    case PcmFormat::kS16: return "s16";
-    case PcmFormat::kOpus: return "opus";
+    case PcmFormat::kF32:
+      return "f32";
+    case PcmFormat::kS16:
+      return "s16";
+    case PcmFormat::kOpus:
+      return "opus";
   }
   return "f32";
 }
@@ -34,15 +37,20 @@ std::vector<std::string_view> split(std::string_view text) {
   }
 }
 
-std::string below(std::string_view session_id, std::string_view name) { return fmt::format("{}/{}", session_id, name); }
+std::string below(std::string_view session_id, std::string_view name) {
+  return fmt::format("{}/{}", session_id, name);
+}
 
 }  // namespace
 
 std::string_view kind_name(synthesis::SoundKind kind) {
   switch (kind) {
-    case synthesis::SoundKind::kCrumpling: return "crumpling";
-    case synthesis::SoundKind::kFriction: return "friction";
-    case synthesis::SoundKind::kTearing: return "tearing";
+    case synthesis::SoundKind::kCrumpling:
+      return "crumpling";
+    case synthesis::SoundKind::kFriction:
+      return "friction";
+    case synthesis::SoundKind::kTearing:
+      return "tearing";
   }
   return "crumpling";
 }
@@ -57,8 +65,10 @@ std::optional<synthesis::SoundKind> kind_from_name(std::string_view name) {
 std::string to_string(const PcmTopic& topic) {
   const std::string_view format = format_name(topic.format);
   switch (topic.content) {
-    case PcmContent::kMix: return fmt::format("{}/pcm/mix/{}/{}", topic.session_id, format, topic.blocks);
-    case PcmContent::kEmitter: return fmt::format("{}/pcm/emitter/{}/{}", topic.session_id, format, topic.blocks);
+    case PcmContent::kMix:
+      return fmt::format("{}/pcm/mix/{}/{}", topic.session_id, format, topic.blocks);
+    case PcmContent::kEmitter:
+      return fmt::format("{}/pcm/emitter/{}/{}", topic.session_id, format, topic.blocks);
     case PcmContent::kStem:
       return fmt::format("{}/pcm/stem/{}/{}/{}/{}", topic.session_id, topic.sheet_id, kind_name(topic.kind), format,
                          topic.blocks);
@@ -96,12 +106,22 @@ std::optional<PcmTopic> parse_pcm_topic(std::string_view text) {
   return topic;
 }
 
-std::string_view session_of_topic(std::string_view topic) { return topic.substr(0, topic.find('/')); }
+std::string_view session_of_topic(std::string_view topic) {
+  return topic.substr(0, topic.find('/'));
+}
 
-std::string observations_topic(std::string_view session_id) { return below(session_id, "observations"); }
-std::string acknowledgements_topic(std::string_view session_id) { return below(session_id, "acknowledgements"); }
-std::string notices_topic(std::string_view session_id) { return below(session_id, "notices"); }
-std::string statistics_topic(std::string_view session_id) { return below(session_id, "statistics"); }
+std::string observations_topic(std::string_view session_id) {
+  return below(session_id, "observations");
+}
+std::string acknowledgements_topic(std::string_view session_id) {
+  return below(session_id, "acknowledgements");
+}
+std::string notices_topic(std::string_view session_id) {
+  return below(session_id, "notices");
+}
+std::string statistics_topic(std::string_view session_id) {
+  return below(session_id, "statistics");
+}
 
 bool valid_session_id(std::string_view session_id) {
   if (session_id.empty() || session_id.size() > 128 || session_id == "subscribed") return false;

@@ -17,8 +17,8 @@ enum class PcmFormat : std::uint8_t { kF32, kS16, kOpus };
 struct PcmTopic {
   std::string session_id;
   PcmContent content = PcmContent::kMix;
-  std::uint32_t sheet_id = 0;                                      ///< of a stem
-  synthesis::SoundKind kind = synthesis::SoundKind::kCrumpling;    ///< of a stem
+  std::uint32_t sheet_id = 0;                                    ///< of a stem
+  synthesis::SoundKind kind = synthesis::SoundKind::kCrumpling;  ///< of a stem
   PcmFormat format = PcmFormat::kF32;
   int blocks = 4;  ///< 1 to 4 in one message
 

@@ -5,6 +5,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "client_sdk/sheets/demos.h"
 #include "client_sdk/sheets/motions.h"
 
 namespace {
@@ -82,7 +83,9 @@ SheetSurroundings only(const scene::SceneState& scene) {
   return surroundings;
 }
 
-double level_db(double a, double b) { return 20 * std::log10(a / b); }
+double level_db(double a, double b) {
+  return 20 * std::log10(a / b);
+}
 
 }  // namespace
 
@@ -96,8 +99,9 @@ TEST_CASE("A sliding flat sheet has its speed and area at any resolution and fra
       std::uint64_t id = 0;
       for (int k = 0; k < 4; ++k) {
         const double t = k / rate_hz;
-        const auto contacts = run.step(
-            frame_at(topology, mesh, t, [&](double u, double v) { return Vec3d(u + 0.08 * t, v - 0.06 * t, 0.0); }), only(scene));
+        const auto contacts =
+            run.step(frame_at(topology, mesh, t, [&](double u, double v) { return Vec3d(u + 0.08 * t, v - 0.06 * t, 0.0); }),
+                     only(scene));
         REQUIRE(contacts.size() == 1);
         const FrictionContact& contact = contacts[0];
         if (k == 0) id = contact.id;
@@ -171,8 +175,8 @@ TEST_CASE("An arched sheet on its edges and a standing one touch alike at any re
 
 TEST_CASE("Sliding over a sphere, a capsule, a box and a mesh is heard alike at any resolution", "[contacts]") {
   scene::MeshShape roof;
-  roof.vertices_m = {Vec3f(0, -1, 0), Vec3f(0, 1, 0), Vec3f(-0.5f, -1, -0.2f), Vec3f(-0.5f, 1, -0.2f), Vec3f(0.5f, -1, -0.2f),
-                     Vec3f(0.5f, 1, -0.2f)};
+  roof.vertices_m = {Vec3f(0, -1, 0),        Vec3f(0, 1, 0),         Vec3f(-0.5f, -1, -0.2f),
+                     Vec3f(-0.5f, 1, -0.2f), Vec3f(0.5f, -1, -0.2f), Vec3f(0.5f, 1, -0.2f)};
   roof.triangles = {{0, 1, 2}, {1, 3, 2}, {0, 4, 1}, {1, 4, 5}};
   const std::vector<scene::Shape> shapes = {scene::SphereShape{0.1}, scene::CapsuleShape{0.05, 0.02},
                                             scene::BoxShape{Vec3d(0.05, 0.05, 0.1)}, roof};
@@ -194,11 +198,10 @@ TEST_CASE("Sliding over a sphere, a capsule, a box and a mesh is heard alike at 
       std::vector<FrictionContact> contacts;
       for (int k = 0; k < 3; ++k) {
         const double t = k / 60.0;
-        contacts = run.step(frame_at(topology, mesh, t,
-                                     [&](double u, double v) {
-                                       return Vec3d(u - 0.15 + 0.1 * t, v - 0.1, tops[s] + 0.0005);
-                                     }),
-                            only(scene));
+        contacts =
+            run.step(frame_at(topology, mesh, t,
+                              [&](double u, double v) { return Vec3d(u - 0.15 + 0.1 * t, v - 0.1, tops[s] + 0.0005); }),
+                     only(scene));
       }
       REQUIRE(contacts.size() == 1);
       CHECK(contacts[0].touched_surface == "cardboard");
@@ -213,7 +216,8 @@ TEST_CASE("A sheet carried by its obstacle is silent, one left behind is not", "
   const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, 446);
   const auto topology = topology_of(mesh);
   const auto pose_at = [](double t) {
-    return scene::Pose{Vec3d(0.5 * t, -0.3 * t, 0.1 * t), Eigen::Quaterniond(Eigen::AngleAxisd(4 * t, Vec3d(0.1, 0.2, 1).normalized()))};
+    return scene::Pose{Vec3d(0.5 * t, -0.3 * t, 0.1 * t),
+                       Eigen::Quaterniond(Eigen::AngleAxisd(4 * t, Vec3d(0.1, 0.2, 1).normalized()))};
   };
   for (const bool sent : {false, true}) {
     scene::SceneState scene = table_at();
@@ -246,7 +250,8 @@ TEST_CASE("A sheet carried by its obstacle is silent, one left behind is not", "
     update.time_s = k / 60.0;
     update.poses = {{5, {Vec3d(0.2 * update.time_s, 0, 0), Eigen::Quaterniond::Identity()}}};
     REQUIRE(scene.apply(update));
-    contacts = left.step(frame_at(topology, mesh, update.time_s, [](double u, double v) { return Vec3d(u, v, 0); }), only(scene));
+    contacts =
+        left.step(frame_at(topology, mesh, update.time_s, [](double u, double v) { return Vec3d(u, v, 0); }), only(scene));
   }
   REQUIRE(contacts.size() == 1);
   CHECK(contacts[0].speed_m_per_s == Approx(0.2).epsilon(1e-3));
@@ -262,8 +267,10 @@ TEST_CASE("Two sheets in contact sound once", "[contacts]") {
   Run a, b;
   for (int k = 0; k < 4; ++k) {
     const double t = k / 60.0;
-    MeshFrame frame_a = frame_at(topology_a, mesh_a, t, [&](double u, double v) { return Vec3d(u, v + 0.25 * t, 1.002 + 0.1 * t); }, 1);
-    MeshFrame frame_b = frame_at(topology_b, mesh_b, t, [&](double u, double v) { return Vec3d(u - 0.1, v, 1.0 + 0.1 * t); }, 2);
+    MeshFrame frame_a = frame_at(
+        topology_a, mesh_a, t, [&](double u, double v) { return Vec3d(u, v + 0.25 * t, 1.002 + 0.1 * t); }, 1);
+    MeshFrame frame_b = frame_at(
+        topology_b, mesh_b, t, [&](double u, double v) { return Vec3d(u - 0.1, v, 1.0 + 0.1 * t); }, 2);
     // The neighbour's newest frame is the one before: it is carried on to this frame's time.
     const std::unique_ptr<MeshFrame> b_before = b.previous ? std::make_unique<MeshFrame>(*b.previous) : nullptr;
     const NeighbourSheet sees_b{2, &frame_b, b_before.get(), "tracing-paper"};
@@ -387,8 +394,8 @@ TEST_CASE("A remesh neither bursts nor breaks an episode", "[contacts]") {
     std::uint64_t id = 0;
     for (int k = 0; k < 6; ++k) {
       const double t = k / 60.0;
-      const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, 400 + 37 * static_cast<std::size_t>(k),
-                                               static_cast<std::uint64_t>(k));
+      const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m,
+                                               400 + 37 * static_cast<std::size_t>(k), static_cast<std::uint64_t>(k));
       const auto contacts = run.step(frame_at(topology_of(mesh, with_material), mesh, t,
                                               [&](double u, double v) { return Vec3d(u + 0.1 * t, v, 0.002); }),
                                      only(scene));
@@ -407,15 +414,16 @@ TEST_CASE("Where a contact splits, its larger part keeps the id", "[contacts]") 
   Run run;
   const auto whole = run.step(frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(u, v, 0); }), only(scene));
   REQUIRE(whole.size() == 1);
-  const auto parts = run.step(frame_at(topology, mesh, 0.02,
-                                       [](double u, double v) { return Vec3d(u, v, std::abs(u - 0.1) < 0.02 ? 0.02 : 0.0); }),
-                              only(scene));
+  const auto parts = run.step(
+      frame_at(topology, mesh, 0.02, [](double u, double v) { return Vec3d(u, v, std::abs(u - 0.1) < 0.02 ? 0.02 : 0.0); }),
+      only(scene));
   REQUIRE(parts.size() == 2);
   const auto& larger = parts[0].area_m2 > parts[1].area_m2 ? parts[0] : parts[1];
   const auto& smaller = parts[0].area_m2 > parts[1].area_m2 ? parts[1] : parts[0];
   CHECK(larger.id == whole[0].id);
   CHECK(smaller.id != whole[0].id);
-  const auto merged = run.step(frame_at(topology, mesh, 0.04, [](double u, double v) { return Vec3d(u, v, 0); }), only(scene));
+  const auto merged =
+      run.step(frame_at(topology, mesh, 0.04, [](double u, double v) { return Vec3d(u, v, 0); }), only(scene));
   REQUIRE(merged.size() == 1);
   CHECK(merged[0].id == whole[0].id);
 }
@@ -427,7 +435,8 @@ TEST_CASE("A lone vertex of a fine mesh must touch twice to be believed", "[cont
   const auto& spot = mesh.material_coordinates[mesh.material_coordinates.size() / 2 + 20];
   const auto dip = [&](double depth) {
     return [&spot, depth](double u, double v) {
-      const bool there = std::abs(u - static_cast<double>(spot[0])) < 1e-6 && std::abs(v - static_cast<double>(spot[1])) < 1e-6;
+      const bool there =
+          std::abs(u - static_cast<double>(spot[0])) < 1e-6 && std::abs(v - static_cast<double>(spot[1])) < 1e-6;
       return Vec3d(u, v, there ? 0.0045 - depth : 0.0045);
     };
   };
@@ -444,13 +453,75 @@ TEST_CASE("History reset gives one silent frame", "[contacts]") {
   const auto topology = topology_of(mesh);
   Run run;
   for (int k = 0; k < 4; ++k) {
-    MeshFrame frame = frame_at(topology, mesh, k / 60.0, [&](double u, double v) {
-      return Vec3d(u + 0.1 * k / 60.0 + (k >= 2 ? 3.0 : 0.0), v, 0);
-    });
+    MeshFrame frame = frame_at(topology, mesh, k / 60.0,
+                               [&](double u, double v) { return Vec3d(u + 0.1 * k / 60.0 + (k >= 2 ? 3.0 : 0.0), v, 0); });
     frame.reset_history = k == 2;
     const auto contacts = run.step(frame, only(scene));
     REQUIRE(contacts.size() == 1);
     CHECK(contacts[0].speed_m_per_s == Approx(k == 0 || k == 2 ? 0.0 : 0.1).epsilon(0.01).margin(1e-9));
     CHECK(contacts[0].id == (k < 2 ? 1 : 2));
+  }
+}
+
+TEST_CASE("The broad phase between sheets does linear work", "[contacts]") {
+  double before = 0;
+  for (const std::size_t triangles : {500u, 2000u, 8000u, 32000u}) {
+    // At the same ratio of radius to edge length.
+    const double radius_m = 0.15 * std::sqrt(kWidth_m * kHeight_m / static_cast<double>(triangles));
+    const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, triangles);
+    const auto topology = topology_of(mesh);
+    const MeshFrame frame = frame_at(topology, mesh, 0, [&](double u, double v) { return Vec3d(u, v, 0.5 * radius_m); });
+    const MeshFrame other = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(u + 0.004, v, 0); });
+    analysis::ContactGeometry geometry;
+    geometry.update(frame);
+    const analysis::VertexVelocities rest;
+    analysis::SheetContact surface(*topology, other.positions_m, rest, radius_m, nullptr);
+    const auto patch = analysis::measure_contact(geometry, surface, rest, {}, radius_m);
+    CHECK(patch.vertices.size() > 0.9 * static_cast<double>(mesh.material_coordinates.size()));
+    const double visits = static_cast<double>(surface.candidates_visited()) / static_cast<double>(triangles);
+    if (before > 0) CHECK(visits < 1.2 * before);
+    before = visits;
+  }
+}
+
+TEST_CASE("In the demo the front edge slides, the held edge rests and the lifted sheet is free", "[contacts]") {
+  const auto demo = sheets::make_demo("bend_slide_snap_shake");
+  const auto topology = topology_of(demo->mesh());
+  const scene::SceneState scene = table_at();
+  Run run;
+  for (int k = 0; k < static_cast<int>(60 * demo->duration_s()); ++k) {
+    MeshFrame frame;
+    frame.sheet = 1;
+    frame.time_s = k / 60.0;
+    frame.topology = topology;
+    frame.positions_m.resize(topology->vertex_count());
+    demo->positions(frame.time_s, {frame.positions_m[0].data(), 3 * frame.positions_m.size()});
+    std::vector<std::uint8_t> held(topology->vertex_count());
+    demo->anchored(frame.time_s, held);
+    const auto before = run.previous ? run.previous->positions_m : frame.positions_m;
+    double front_m_per_s = 0;
+    for (std::size_t i = 0; i < held.size(); ++i) {
+      if (!held[i]) continue;
+      const double moved = static_cast<double>(frame.positions_m[i].x()) - static_cast<double>(before[i].x());
+      front_m_per_s = std::max(front_m_per_s, std::abs(moved) * 60);
+    }
+    const double time_s = frame.time_s;
+    const auto contacts = run.step(std::move(frame), only(scene));
+    INFO(time_s);
+    if (time_s < 0.3) {
+      REQUIRE(contacts.size() == 1);
+      CHECK(contacts[0].area_m2 == Approx(kWidth_m * kHeight_m).epsilon(1e-3));
+    }
+    if (time_s > 1.0 && time_s < 1.7) {
+      REQUIRE(contacts.size() == 2);
+      const auto [slow, fast] = std::minmax(contacts[0].speed_m_per_s, contacts[1].speed_m_per_s);
+      CHECK(fast == Approx(front_m_per_s).epsilon(0.05).margin(0.002));
+      CHECK(slow < 0.012);  // it turns on the table
+    }
+    if (time_s > 2.1 && time_s < 2.3) {
+      REQUIRE(contacts.size() == 2);
+      for (const auto& contact : contacts) CHECK(contact.speed_m_per_s == Approx(front_m_per_s).epsilon(0.01));
+    }
+    if (time_s > 4.6) CHECK(contacts.empty());
   }
 }

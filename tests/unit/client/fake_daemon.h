@@ -29,7 +29,8 @@ class FakeDaemon {
     std::string error_on_attach{};  ///< refused with this message
   };
 
-  explicit FakeDaemon(Behaviour behaviour, const std::string& control = "tcp://127.0.0.1:*") : behaviour_(std::move(behaviour)) {
+  explicit FakeDaemon(Behaviour behaviour, const std::string& control = "tcp://127.0.0.1:*")
+      : behaviour_(std::move(behaviour)) {
     wire::Sockets::Options options;
     options.control = control;
     options.stream = behaviour_.takes_streams ? "tcp://127.0.0.1:*" : "";

@@ -63,7 +63,7 @@ TEST_CASE("blocks, gaps and the end", "[client][pcm]") {
   CHECK_FALSE(reader.next(10ms).has_value());
   daemon.post(kMix, pcm(-2, {1, 2, 3, 4}));
   daemon.post(kMix, pcm(0, {5, 6}));
-  daemon.post(kMix, pcm(11, {7, 8}));              // ten lost on the way
+  daemon.post(kMix, pcm(11, {7, 8}));                            // ten lost on the way
   daemon.post(kMix, pcm(12, {7, 8}, wire::PcmFormat::kF32, 5));  // five never rendered
   daemon.post(kMix, "nonsense");
   daemon.post(kMix, wire::encode_end({.session_id = "s1", .sequence = 9}, 20));
@@ -87,19 +87,22 @@ TEST_CASE("blocks, gaps and the end", "[client][pcm]") {
 
 TEST_CASE("16-bit PCM is within half a step", "[client][pcm]") {
   FakeDaemon daemon({});
-  auto reader = std::move(*PcmReader::listen(connect(daemon), "s1", {.content = MixContent{}, .format = SampleFormat::kS16, .blocks = 1}));
+  auto reader = std::move(
+      *PcmReader::listen(connect(daemon), "s1", {.content = MixContent{}, .format = SampleFormat::kS16, .blocks = 1}));
   const std::vector<float> samples = {0.1234567f, -0.9999f, 1, -1, 0, 1e-5f};
   daemon.post("s1/pcm/mix/s16/1", pcm(0, samples, wire::PcmFormat::kS16));
   const auto block = reader.next(10s);
   REQUIRE(block.has_value());
   REQUIRE(block->interleaved.size() == samples.size());
-  for (std::size_t k = 0; k < samples.size(); ++k) CHECK(std::abs(block->interleaved[k] - samples[k]) <= 0.5f / 32767 * 1.001f);
+  for (std::size_t k = 0; k < samples.size(); ++k)
+    CHECK(std::abs(block->interleaved[k] - samples[k]) <= 0.5f / 32767 * 1.001f);
 }
 
 TEST_CASE("stems and emitters", "[client][pcm]") {
   FakeDaemon daemon({});
   const Connection connection = connect(daemon);
-  auto stem = std::move(*PcmReader::listen(connection, "s1", {.content = StemContent{.sheet_id = 3, .kind = SoundKind::kFriction}}));
+  auto stem =
+      std::move(*PcmReader::listen(connection, "s1", {.content = StemContent{.sheet_id = 3, .kind = SoundKind::kFriction}}));
   daemon.post("s1/pcm/stem/3/friction/f32/4", pcm(0, {1, 1}));
   CHECK(stem.next(10s).has_value());
 

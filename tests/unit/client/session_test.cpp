@@ -37,7 +37,9 @@ Session attach(const Connection& connection, Clock clock) {
   return std::move(*session);
 }
 
-Topology topology() { return {.id = 7, .vertex_count = 3, .triangles = kTriangles}; }
+Topology topology() {
+  return {.id = 7, .vertex_count = 3, .triangles = kTriangles};
+}
 
 }  // namespace
 
@@ -70,7 +72,8 @@ TEST_CASE("questions and answers on the control socket", "[client]") {
   CHECK(connection.list_packs()->at(0).models.size() == 2);
   CHECK(connection.list_sessions()->at(0).clock == Clock::kSimulation);
   CHECK(connection.statistics("x")->session_id == "x");
-  const auto gains = connection.set_gains("x", {{.gain_db = -3, .sheet_id = 2, .kind = SoundKind::kFriction, .material = "m"}});
+  const auto gains =
+      connection.set_gains("x", {{.gain_db = -3, .sheet_id = 2, .kind = SoundKind::kFriction, .material = "m"}});
   REQUIRE(gains.has_value());
   CHECK(gains->at(0).gain_db == -3);
   CHECK(gains->at(0).sheet_id == 2u);
@@ -164,7 +167,8 @@ TEST_CASE("everything a session says arrives as it was said, in order", "[client
   const std::vector<float> forces = {1.5f};
   extras.velocities = kPositions;
   extras.anchored = held;
-  extras.contacts = Contacts{.vertices = touching, .partners = partners, .partner_table = {{.is_sheet = false, .id = 2}}, .normal_forces = forces};
+  extras.contacts = Contacts{
+      .vertices = touching, .partners = partners, .partner_table = {{.is_sheet = false, .id = 2}}, .normal_forces = forces};
   const std::vector<TearTip> tips = {{.id = 1, .position = {0, 1, 0}, .speed = 2, .direction = Vector3{1, 0, 0}}};
   extras.tear_tips = tips;
   REQUIRE(session.frame(2, 7, 1.0, kPositions, extras).has_value());
@@ -319,7 +323,8 @@ TEST_CASE("notices come to their session", "[client]") {
   error.message = "Vertex 3 is nan.";
   error.remedy = "Stop there.";
   error.sequence = 12;
-  daemon.post(wire::notices_topic("s1"), wire::encode_notice({.session_id = "s1", .sequence = 1}, wire::notice_of(error, 2)));
+  daemon.post(wire::notices_topic("s1"),
+              wire::encode_notice({.session_id = "s1", .sequence = 1}, wire::notice_of(error, 2)));
   std::vector<Notice> notices;
   REQUIRE(daemon.wait_until([&] { return !(notices = session.poll_notices()).empty(); }));
   CHECK(notices[0].level == NoticeLevel::kError);

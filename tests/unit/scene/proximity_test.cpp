@@ -118,10 +118,12 @@ TEST_CASE("The distance to every analytic shape is that of its sampled surface",
     sampled = sampled_distance(query, [&](double a, double b) {
       const double s = 1.5 * a;  // caps take a quarter each of the way from pole to pole
       const double turn = 2 * M_PI * b;
-      if (s < 0.5) return Vec3d(0.1 * std::sin(M_PI * s) * std::cos(turn), 0.1 * std::sin(M_PI * s) * std::sin(turn),
-                                0.2 + 0.1 * std::cos(M_PI * s));
-      if (s > 1.0) return Vec3d(0.1 * std::sin(M_PI * (s - 0.5)) * std::cos(turn),
-                                0.1 * std::sin(M_PI * (s - 0.5)) * std::sin(turn), -0.2 + 0.1 * std::cos(M_PI * (s - 0.5)));
+      if (s < 0.5)
+        return Vec3d(0.1 * std::sin(M_PI * s) * std::cos(turn), 0.1 * std::sin(M_PI * s) * std::sin(turn),
+                     0.2 + 0.1 * std::cos(M_PI * s));
+      if (s > 1.0)
+        return Vec3d(0.1 * std::sin(M_PI * (s - 0.5)) * std::cos(turn), 0.1 * std::sin(M_PI * (s - 0.5)) * std::sin(turn),
+                     -0.2 + 0.1 * std::cos(M_PI * (s - 0.5)));
       return Vec3d(0.1 * std::cos(turn), 0.1 * std::sin(turn), 0.2 - 0.4 * (s - 0.5) / 0.5);
     });
     const Vec3d on_axis(0, 0, std::clamp(query.z(), -0.2, 0.2));
@@ -165,7 +167,8 @@ TEST_CASE("The tree finds what brute force finds, refitted as well", "[proximity
     const Triangle& t = mesh.triangles[found->triangle];
     Vec3d chord = Vec3d::Zero();
     for (std::size_t c = 0; c < 3; ++c) {
-      chord += found->barycentric[static_cast<int>(c)] * (moved.vertices_m[t[c]] - mesh.vertices_m[t[c]]).cast<double>() / 0.1;
+      chord +=
+          found->barycentric[static_cast<int>(c)] * (moved.vertices_m[t[c]] - mesh.vertices_m[t[c]]).cast<double>() / 0.1;
     }
     CHECK((surface.velocity_m_per_s(*found) - chord).norm() < 1e-4);
   }

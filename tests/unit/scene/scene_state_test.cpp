@@ -32,7 +32,9 @@ SceneUpdate move(double time_s, ObstacleId id, Pose pose) {
   return update;
 }
 
-MeshShape one_triangle() { return {{{0, 1, 2}}, {Vec3f(0, 0, 0), Vec3f(1, 0, 0), Vec3f(0, 1, 0)}}; }
+MeshShape one_triangle() {
+  return {{{0, 1, 2}}, {Vec3f(0, 0, 0), Vec3f(1, 0, 0), Vec3f(0, 1, 0)}};
+}
 
 }  // namespace
 
@@ -61,8 +63,9 @@ TEST_CASE("Mean motion over an interval is the chord of every point carried alon
   double time_s = 0;
   for (int k = 1; k <= 6; ++k) {
     time_s = 0.01 * k;
-    REQUIRE(scene.apply(move(time_s, 1, {Vec3d(0.2 + 0.03 * k * k, -0.1, 0.01 * k),
-                                         Quaterniond(AngleAxisd(0.2 * k, Vec3d(1, 2, 3).normalized()))})));
+    REQUIRE(scene.apply(
+        move(time_s, 1,
+             {Vec3d(0.2 + 0.03 * k * k, -0.1, 0.01 * k), Quaterniond(AngleAxisd(0.2 * k, Vec3d(1, 2, 3).normalized()))})));
   }
   const ObstacleTrack& track = *scene.find(1);
   const Vec3d own(0.3, 0.7, -0.2);

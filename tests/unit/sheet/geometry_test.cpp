@@ -27,7 +27,9 @@ double uniform(std::uint64_t i) {
   return static_cast<double>((i ^ (i >> 31)) >> 11) * 0x1.0p-53;
 }
 
-double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Vec2d& a, const Vec2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 }  // namespace
 
@@ -97,7 +99,8 @@ TEST_CASE("no point lies inside the circle of a Delaunay triangle, and the trian
       for (std::uint64_t j = 0; j < 15; ++j) {
         const bool inner = i > 0 && i < 11 && j > 0 && j < 14;
         const double jitter = kind == 0 || !inner ? 0 : kind == 1 ? 1e-5 : 0.04;
-        points.emplace_back(0.1 * static_cast<double>(i) + jitter * uniform(100 * i + j), 0.1 * static_cast<double>(j) + jitter * uniform(9000 + 100 * i + j));
+        points.emplace_back(0.1 * static_cast<double>(i) + jitter * uniform(100 * i + j),
+                            0.1 * static_cast<double>(j) + jitter * uniform(9000 + 100 * i + j));
       }
     }
     points.push_back(points[40]);  // twice the same place
@@ -110,7 +113,9 @@ TEST_CASE("no point lies inside the circle of a Delaunay triangle, and the trian
       CHECK(twice > 0);
       area += twice / 2;
       const Vec2d u = b - a, v = c - a;
-      const Vec2d centre = a + Vec2d(v.y() * u.squaredNorm() - u.y() * v.squaredNorm(), u.x() * v.squaredNorm() - v.x() * u.squaredNorm()) / (2 * twice);
+      const Vec2d centre =
+          a + Vec2d(v.y() * u.squaredNorm() - u.y() * v.squaredNorm(), u.x() * v.squaredNorm() - v.x() * u.squaredNorm()) /
+                  (2 * twice);
       const double radius = (centre - a).norm();
       for (const Vec2d& p : points) CHECK((p - centre).norm() > radius - 1e-5);
     }
@@ -159,7 +164,8 @@ TEST_CASE("the proxy of a fine sheet covers it with the triangles asked for") {
   CHECK(proxy->topology->triangle_count() < 2000);
   double area = 0;
   const auto x = proxy->topology->material_coordinates_m();
-  for (const auto& v : proxy->topology->triangles()) area += cross((x[v[1]] - x[v[0]]).cast<double>(), (x[v[2]] - x[v[0]]).cast<double>()) / 2;
+  for (const auto& v : proxy->topology->triangles())
+    area += cross((x[v[1]] - x[v[0]]).cast<double>(), (x[v[2]] - x[v[0]]).cast<double>()) / 2;
   CHECK(area == Approx(0.297 * 0.210).epsilon(1e-3));
   for (std::uint32_t i = 0; i < grid.uv_m.size(); ++i) {
     CHECK((grid.uv_m[proxy->vertices[proxy->nearest[i]]] - grid.uv_m[i]).norm() < 0.015f);
@@ -188,7 +194,9 @@ TEST_CASE("a hole stays open in the proxy, and a crack makes none") {
     const std::uint32_t old = 50 * 101 + i, twin = static_cast<std::uint32_t>(uv.size());
     uv.push_back(uv[old]);
     for (auto& v : cut) {
-      const float y = (grid.uv_m[v[0] < 10201 ? v[0] : old].y() + grid.uv_m[v[1] < 10201 ? v[1] : old].y() + grid.uv_m[v[2] < 10201 ? v[2] : old].y()) / 3;
+      const float y = (grid.uv_m[v[0] < 10201 ? v[0] : old].y() + grid.uv_m[v[1] < 10201 ? v[1] : old].y() +
+                       grid.uv_m[v[2] < 10201 ? v[2] : old].y()) /
+                      3;
       for (auto& k : v) {
         if (k == old && y > 0.1f) k = twin;
       }

@@ -19,7 +19,8 @@ struct Grid {
   Grid(std::uint32_t nx, std::uint32_t ny, float width_m, float height_m) {
     for (std::uint32_t j = 0; j <= ny; ++j) {
       for (std::uint32_t i = 0; i <= nx; ++i) {
-        uv_m.emplace_back(width_m * static_cast<float>(i) / static_cast<float>(nx), height_m * static_cast<float>(j) / static_cast<float>(ny));
+        uv_m.emplace_back(width_m * static_cast<float>(i) / static_cast<float>(nx),
+                          height_m * static_cast<float>(j) / static_cast<float>(ny));
       }
     }
     for (std::uint32_t j = 0; j < ny; ++j) {

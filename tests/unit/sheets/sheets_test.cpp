@@ -79,7 +79,8 @@ TEST_CASE("Random points are triangulated so that no point lies in a circumcircl
   for (const auto& t : triangles) {
     const auto &a = points[t[0]], &b = points[t[1]], &c = points[t[2]];
     for (const auto& d : points) {
-      const double ax = a[0] - d[0], ay = a[1] - d[1], bx = b[0] - d[0], by = b[1] - d[1], cx = c[0] - d[0], cy = c[1] - d[1];
+      const double ax = a[0] - d[0], ay = a[1] - d[1], bx = b[0] - d[0], by = b[1] - d[1], cx = c[0] - d[0],
+                   cy = c[1] - d[1];
       const double inside = (ax * ax + ay * ay) * (bx * cy - by * cx) + (bx * bx + by * by) * (cx * ay - cy * ax) +
                             (cx * cx + cy * cy) * (ax * by - ay * bx);
       REQUIRE(inside < 1e-7);
@@ -253,9 +254,10 @@ TEST_CASE("Every demo keeps lengths within 1 %, moves continuously and never sin
       const auto now = positions_at(*sheet, t);
       float lowest = 1;
       for (std::size_t i = 0; i < now.size(); i += 3) {
-        const double speed = std::hypot(static_cast<double>(now[i]) - before[i], static_cast<double>(now[i + 1]) - before[i + 1],
-                                        static_cast<double>(now[i + 2]) - before[i + 2]) /
-                             step;
+        const double speed =
+            std::hypot(static_cast<double>(now[i]) - before[i], static_cast<double>(now[i + 1]) - before[i + 1],
+                       static_cast<double>(now[i + 2]) - before[i + 2]) /
+            step;
         fastest = std::max(fastest, speed);
         lowest = std::min(lowest, now[i + 2]);
       }

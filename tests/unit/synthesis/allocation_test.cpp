@@ -1,5 +1,6 @@
 #include <catch2/catch.hpp>
 
+#include <cstddef>
 #include <cstdlib>
 #include <new>
 
@@ -11,19 +12,35 @@ namespace {
 thread_local bool guarded = false;
 thread_local int allocations = 0;
 
-void* counted(std::size_t size) {
+void* counted(std::size_t size, std::size_t alignment = alignof(std::max_align_t)) noexcept {
   if (guarded) ++allocations;
-  if (void* p = std::malloc(size ? size : 1)) return p;
+  return std::aligned_alloc(alignment, (size + alignment) / alignment * alignment);
+}
+
+void* counted_or_throw(std::size_t size, std::size_t alignment = alignof(std::max_align_t)) {
+  if (void* p = counted(size, alignment)) return p;
   throw std::bad_alloc();
 }
 
 }  // namespace
 
 void* operator new(std::size_t size) {
-  return counted(size);
+  return counted_or_throw(size);
 }
 void* operator new[](std::size_t size) {
+  return counted_or_throw(size);
+}
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
   return counted(size);
+}
+void* operator new[](std::size_t size, const std::nothrow_t&) noexcept {
+  return counted(size);
+}
+void* operator new(std::size_t size, std::align_val_t at) {
+  return counted_or_throw(size, static_cast<std::size_t>(at));
+}
+void* operator new[](std::size_t size, std::align_val_t at) {
+  return counted_or_throw(size, static_cast<std::size_t>(at));
 }
 void operator delete(void* p) noexcept {
   std::free(p);
@@ -35,6 +52,18 @@ void operator delete(void* p, std::size_t) noexcept {
   std::free(p);
 }
 void operator delete[](void* p, std::size_t) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
   std::free(p);
 }
 

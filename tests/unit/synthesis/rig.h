@@ -32,21 +32,31 @@ inline std::shared_ptr<const pack::SoundPack> make_pack(const PackOptions& optio
   auto made = std::make_shared<pack::SoundPack>();
   made->name = made->material = "test-paper";
   made->rate_hz = made->stored_rate_hz = options.rate_hz;
+  const auto unit = [](const pack::GridPoint& point, const std::vector<float>& samples, float gain) {
+    pack::Unit u;
+    u.point = point;
+    u.radius_m = point.disc_radius_m();
+    u.samples = samples;
+    for (float& x : u.samples) x *= gain;
+    return u;
+  };
   pack::CrumplingSection crumpling;
-  for (int v = 0; v < options.variants; ++v) {
-    crumpling.units.push_back({kBent, "bent", kBent.disc_radius_m(), options.unit});
-    for (float& x : crumpling.units.back().samples) x *= 1.0F / static_cast<float>(v + 1);
-  }
-  crumpling.units.push_back({{}, "clac", 0, options.clac});
+  for (int v = 0; v < options.variants; ++v)
+    crumpling.units.push_back(unit(kBent, options.unit, 1.0F / static_cast<float>(v + 1)));
+  crumpling.units.push_back(unit({}, options.clac, 1));
   made->crumpling = crumpling;
   pack::FrictionSection friction;
   friction.rate_hz = options.rate_hz;
   friction.fft_size = static_cast<std::uint32_t>(friction_fft_size(options.rate_hz));
   friction.speed_exponent = options.speed_exponent;
   friction.gain_sigma = options.gain_sigma;
-  const std::vector<float> white(friction.fft_size / 2 + 1, static_cast<float>(dsp::db_to_gain(options.friction_db)));
-  friction.spectra.push_back({kBent, "bent", kBent.disc_radius_m(), white});
-  friction.spectra.push_back({{}, "flat", 0, white});
+  for (const pack::GridPoint& point : {kBent, pack::GridPoint{}}) {
+    pack::Spectrum white;
+    white.point = point;
+    white.radius_m = point.disc_radius_m();
+    white.magnitudes.assign(friction.fft_size / 2 + 1, static_cast<float>(dsp::db_to_gain(options.friction_db)));
+    friction.spectra.push_back(white);
+  }
   made->friction = friction;
   return made;
 }

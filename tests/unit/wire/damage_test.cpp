@@ -23,8 +23,12 @@ struct Generator {
   std::size_t below(std::size_t bound) { return static_cast<std::size_t>(next() % bound); }
 };
 
-bool finite(const sheet::Vec3f& v) { return v.allFinite() && v.cwiseAbs().maxCoeff() <= 1e5f; }
-bool finite(const sheet::Vec3d& v) { return v.allFinite(); }
+bool finite(const sheet::Vec3f& v) {
+  return v.allFinite() && v.cwiseAbs().maxCoeff() <= 1e5f;
+}
+bool finite(const sheet::Vec3d& v) {
+  return v.allFinite();
+}
 
 struct Sound {
   bool operator()(const engine::SheetDescription&) const { return true; }
@@ -212,7 +216,8 @@ TEST_CASE("damaged control requests are refused or read", "[wire][damage]") {
   const std::string bytes = request.SerializeAsString();
   REQUIRE(decode_control(as_bytes(bytes)).has_value());
   for (std::size_t size = 0; size < bytes.size(); ++size)
-    if (const auto read = decode_control(as_bytes(bytes.substr(0, size))); !read) CHECK_FALSE(read.error().error.message.empty());
+    if (const auto read = decode_control(as_bytes(bytes.substr(0, size))); !read)
+      CHECK_FALSE(read.error().error.message.empty());
   Generator generator{3};
   for (int round = 0; round < 10'000; ++round) {
     std::string flipped = bytes;

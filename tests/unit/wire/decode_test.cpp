@@ -22,7 +22,9 @@ void require_error(const tl::expected<Decoded, Error>& decoded, ErrorCode code, 
   CHECK_FALSE(decoded.error().remedy.empty());
 }
 
-bool mentions(const Error& error, const std::string& text) { return error.message.find(text) != std::string::npos; }
+bool mentions(const Error& error, const std::string& text) {
+  return error.message.find(text) != std::string::npos;
+}
 
 session::SessionOptions centimetres_y_up() {
   session::SessionOptions options;
@@ -474,7 +476,9 @@ TEST_CASE("tear tips, advance and end", "[wire][decode]") {
 TEST_CASE("envelopes", "[wire][decode]") {
   auto sent = frame_message(1.5);
   sent.set_sequence(3);
-  const auto parse = [&](const std::string& topic) { return StreamEnvelope::parse(as_bytes(sent.SerializeAsString()), topic); };
+  const auto parse = [&](const std::string& topic) {
+    return StreamEnvelope::parse(as_bytes(sent.SerializeAsString()), topic);
+  };
   SECTION("the session comes from the message or the topic") {
     CHECK(parse("")->session_id() == "s");
     CHECK(parse("s")->session_id() == "s");

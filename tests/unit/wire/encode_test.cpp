@@ -138,7 +138,8 @@ TEST_CASE("an observation comes through", "[wire][encode]") {
 
 TEST_CASE("credits, notices, ends", "[wire][encode]") {
   const OutHeader header{.session_id = "s", .sequence = 2};
-  const auto credit = parse(encode_credit(header, {.acknowledged_sequence = 5, .window_messages = 16, .window_bytes = 1000}));
+  const auto credit =
+      parse(encode_credit(header, {.acknowledged_sequence = 5, .window_messages = 16, .window_bytes = 1000}));
   CHECK(credit.credit().acknowledged_sequence() == 5);
   CHECK(credit.credit().window_messages() == 16);
   CHECK(parse(encode_end(header, 48'000)).end().samples() == 48'000);
@@ -209,7 +210,9 @@ TEST_CASE("session options out of range are named", "[wire][options]") {
 TEST_CASE("control requests", "[wire][control]") {
   v1::ControlRequest request;
   request.set_request_id(3);
-  SECTION("nothing asked") { CHECK(control(request).error().request_id == 3); }
+  SECTION("nothing asked") {
+    CHECK(control(request).error().request_id == 3);
+  }
   SECTION("hello") {
     request.mutable_hello()->set_protocol_version(1);
     request.mutable_hello()->set_client("me");
@@ -241,9 +244,13 @@ TEST_CASE("control requests", "[wire][control]") {
 }
 
 TEST_CASE("control replies", "[wire][control]") {
-  const auto refused =
-      parse_reply(Error{.code = ErrorCode::kQuotaExceeded, .field = "f", .message = "m", .remedy = "r", .sequence = 2,
-                        .quota = Quota{.name = "sessions", .limit = 4, .asked = 5}, .permission = {}});
+  const auto refused = parse_reply(Error{.code = ErrorCode::kQuotaExceeded,
+                                         .field = "f",
+                                         .message = "m",
+                                         .remedy = "r",
+                                         .sequence = 2,
+                                         .quota = Quota{.name = "sessions", .limit = 4, .asked = 5},
+                                         .permission = {}});
   CHECK(refused.error().code() == v1::ERROR_CODE_QUOTA_EXCEEDED);
   CHECK(refused.error().quota().asked() == 5);
   Statistics statistics;
@@ -269,9 +276,9 @@ TEST_CASE("topics there and back", "[wire][topics]") {
     REQUIRE(topic.has_value());
     CHECK(to_string(*topic) == text);
   }
-  for (const char* text : {"", "s", "s/pcm", "s/pcm/", "s/pcm/mix/f32/5", "s/pcm/mix/f32/0", "s/pcm/mix/f32/44", "s/pcm/mix/mp3/4",
-                           "s/pcm/stem/x/friction/f32/1", "s/pcm/stem/1/singing/f32/1", "s/pcm/mix/f32/4/", "/pcm/mix/f32/4",
-                           "s/observations", "s/pcm/stem/99999999999/friction/f32/1"})
+  for (const char* text : {"", "s", "s/pcm", "s/pcm/", "s/pcm/mix/f32/5", "s/pcm/mix/f32/0", "s/pcm/mix/f32/44",
+                           "s/pcm/mix/mp3/4", "s/pcm/stem/x/friction/f32/1", "s/pcm/stem/1/singing/f32/1",
+                           "s/pcm/mix/f32/4/", "/pcm/mix/f32/4", "s/observations", "s/pcm/stem/99999999999/friction/f32/1"})
     CHECK_FALSE(parse_pcm_topic(text).has_value());
   CHECK(session_of_topic("s/notices") == "s");
 }

@@ -14,7 +14,9 @@
 /// Small messages of a two-triangle sheet, and the shortest way through envelope and decoder.
 namespace rustle::wire::test {
 
-inline std::span<const std::byte> as_bytes(const std::string& text) { return std::as_bytes(std::span(text)); }
+inline std::span<const std::byte> as_bytes(const std::string& text) {
+  return std::as_bytes(std::span(text));
+}
 
 template <class T>
 std::string pack(const std::vector<T>& values) {

@@ -23,7 +23,9 @@ session::SessionOptions y_up() {
   return options;
 }
 
-Vec3d turned(const Vec3d& v) { return {v.x(), -v.z(), v.y()}; }
+Vec3d turned(const Vec3d& v) {
+  return {v.x(), -v.z(), v.y()};
+}
 
 }  // namespace
 
@@ -84,8 +86,8 @@ TEST_CASE("a point of an obstacle is where the sender's axes put it", "[wire][sc
   for (std::size_t v = 0; v < kVertices; ++v) {
     const Vec3d local(kPositions[3 * v], kPositions[3 * v + 1], kPositions[3 * v + 2]);
     const Vec3d world = turned(turn * local + place) * 0.5;
-    const Vec3d read =
-        obstacle.pose.orientation * std::get<scene::MeshShape>(obstacle.shape).vertices_m[v].cast<double>() + obstacle.pose.position_m;
+    const Vec3d read = obstacle.pose.orientation * std::get<scene::MeshShape>(obstacle.shape).vertices_m[v].cast<double>() +
+                       obstacle.pose.position_m;
     CHECK((world - read).norm() < 1e-6);
   }
 }
