@@ -9,13 +9,14 @@ struct Parameters {
   // Mean curvature for sign events (P2): kernel radius, and at least so many local edge lengths.
   double event_radius_m = 0.010;
   double event_radius_edges = 1.5;
-  std::size_t event_stencil_hinges = 100000;  ///< a finer mesh is sampled evenly down to this many hinges per vertex
-  double event_band_per_m = 0.3;          ///< absolute dead band on H
-  double event_band_relative = 0.5;       ///< plus this share of the local bending
-  double event_growth_per_m = 0.05;       ///< a seeded flip takes along connected vertices of the new sign beyond this
+  std::size_t event_stencil_hinges = 128;  ///< a finer mesh is sampled evenly down to this many hinges per vertex
+  double event_band_per_m = 0.3;           ///< absolute dead band on H
+  double event_band_relative = 0.5;        ///< plus this share of the local bending
+  double event_growth_per_m = 0.05;        ///< a seeded flip takes along connected vertices of the new sign beyond this
   double event_min_area_m2 = 1e-4;
   double event_merge_s = 0.05;         ///< a flip that touches an event younger than this continues it
   double event_window_s = 1.0 / 30.0;  ///< amplitude: change of H over this time
+  double flip_memory_s = 0.5;          ///< how far back a flip looks for the shape that it came from
 
   // Bending tensor for regions and rulings (P3).
   double curvature_radius_m = 0.015;

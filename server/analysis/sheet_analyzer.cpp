@@ -96,6 +96,7 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
   const bool sounds = !out.crumpling.empty() || !out.tears.empty() ||
                       std::any_of(out.friction.begin(), out.friction.end(),
                                   [&](const auto& contact) { return contact.speed_m_per_s > parameters_.sliding_m_per_s; });
+  remember_bending(frame.time_s);
   if (sounds) find_resonators(frame, origin_m, out);
   remember(frame);
   return out;
@@ -107,6 +108,7 @@ void SheetAnalyzer::forget() {
   state_.last.reset();
   state_.last_positions_m.clear();
   state_.earlier_positions_m.clear();
+  state_.bent.clear();
   state_.tips.clear();
   contacts_.reset();
 }
@@ -148,6 +150,7 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
   state_.regions.reset();
   state_.sent_regions.reset();
   state_.region_history = {};
+  state_.bent.clear();
   state_.earlier_positions_m.clear();
   if (!transfer) {
     state_.crumpling.primed = false;
@@ -176,8 +179,21 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
   const Holds holds{mesh->gathered(anchored_vertices(frame)), mesh->sampled(touching)};
   ResonatorFinder finder(mesh->stencils, map, positions_m, origin_m, holds, parameters_, sent);
 
+  // What flips passes through flat; it sounds as what it was when it was bent most.
+  std::vector<Vec3f> bent_positions_m;
+  RegionMap bent_map;
+  std::optional<ResonatorFinder> bent_finder;
+  const auto is_flat = [](const Resonator& resonator) { return resonator.constrained && resonator.ruling_length_m == 0; };
   for (auto& event : observation.crumpling) {
     event.resonators = finder.reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
+    if (sent == nullptr && !state_.bent.empty() && std::all_of(event.resonators.begin(), event.resonators.end(), is_flat)) {
+      if (!bent_finder) {
+        bent_positions_m = mesh->positions_m(state_.bent.front().relative_m);
+        bent_map = segment(mesh->stencils, bent_positions_m, frame.time_s, parameters_, nullptr);
+        bent_finder.emplace(mesh->stencils, bent_map, bent_positions_m, origin_m, holds, parameters_, nullptr);
+      }
+      event.resonators = bent_finder->reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
+    }
     if (event.resonators.empty()) event.resonators.push_back(constrained_at(event.position_m, event.area_m2));
   }
   std::vector<std::uint32_t> vertices;
@@ -195,6 +211,25 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
     }
     if (tear.resonators.empty()) tear.resonators.push_back(constrained_at(tear.position_m, 0));
   }
+}
+
+void SheetAnalyzer::remember_bending(double time_s) {
+  const auto& curvature_per_m = state_.crumpling.curvature_per_m;
+  double sum = 0;
+  for (const float h : curvature_per_m) sum += std::abs(h);
+  const double bending_per_m = curvature_per_m.empty() ? 0 : sum / static_cast<double>(curvature_per_m.size());
+  auto& bent = state_.bent;
+  std::vector<Vec3f> relative_m;  // of an entry that goes, so that a warm frame allocates nothing
+  while (!bent.empty() && bent.front().time_s < time_s - parameters_.flip_memory_s) {
+    relative_m.swap(bent.front().relative_m);
+    bent.pop_front();
+  }
+  while (!bent.empty() && bent.back().bending_per_m <= bending_per_m) {
+    relative_m.swap(bent.back().relative_m);
+    bent.pop_back();
+  }
+  relative_m.assign(state_.relative_m.begin(), state_.relative_m.end());
+  bent.push_back({time_s, bending_per_m, std::move(relative_m)});
 }
 
 std::vector<observation::TearEvent> SheetAnalyzer::sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
@@ -44,6 +45,12 @@ class SheetAnalyzer {
     std::uint64_t id;
     double seen_s;
   };
+  /// The sheet as it was, for the regions that a flip needs: at its own moment it is flat.
+  struct BentShape {
+    double time_s;
+    double bending_per_m;                     ///< mean |H|
+    std::vector<sheet::Vec3f> relative_m;     ///< [V]
+  };
   struct State {
     std::optional<CurvatureStencils> curvature;
     CrumplingState crumpling;
@@ -54,6 +61,7 @@ class SheetAnalyzer {
     std::vector<sheet::Vec3f> last_positions_m;     ///< of `last`, at the vertices of the present topology
     std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
     double earlier_s = 0;
+    std::deque<BentShape> bent;               ///< of the flip memory, each more bent than those after it
     std::map<std::uint32_t, TearTip> tips;
     std::vector<sheet::Vec3f> relative_m;  ///< scratch
     std::vector<float> angles_rad;         ///< scratch
@@ -67,6 +75,7 @@ class SheetAnalyzer {
   };
   std::optional<Arrival> follow_topology(const sheet::MeshFrame& frame);
   void find_resonators(const sheet::MeshFrame& frame, const sheet::Vec3d& origin_m, observation::Observation& observation);
+  void remember_bending(double time_s);
   std::vector<observation::TearEvent> sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id);
   void remember(const sheet::MeshFrame& frame);
 

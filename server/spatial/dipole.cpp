@@ -8,8 +8,8 @@ namespace rustle::spatial {
 namespace {
 
 struct Radiated {
-  double gain;
-  double late_gain;
+  double level;     ///< pattern · max(|cos θ|, floor) / R
+  double polarity;  ///< cos θ / max(|cos θ|, floor)
   double distance_m;
 };
 
@@ -18,9 +18,10 @@ Radiated radiated(const Vec3& from_m, const Vec3& normal, double floor, const Re
   const double distance = norm(way);
   const double inverse = distance > 1e-9 ? 1 / distance : 0;
   const double cosine = std::clamp(inverse * dot(way, normal), -1.0, 1.0);
+  const double floored = std::max(std::abs(cosine), floor);
   const double incidence = -inverse * dot(way, receiver.axis);
   const double amplitude = receiver.scale * (1 + receiver.shape * incidence) / std::max(distance, kMinDistance_m);
-  return {amplitude * cosine, amplitude * std::sqrt(std::max(0.0, floor * floor - cosine * cosine)), distance};
+  return {amplitude * floored, floored > 0 ? cosine / floored : 0, distance};
 }
 
 double fade(double x, double zero, double one) noexcept {
@@ -34,7 +35,7 @@ std::size_t paths(const Emitter& emitter, const Receiver& receiver, const Vec3& 
   assert(out.size() > planes.size());
   const double centre_distance = norm(centre_m - emitter.position_m);
   const Radiated direct = radiated(emitter.position_m, emitter.normal, emitter.cosine_floor, receiver);
-  out[0] = {direct.gain, direct.late_gain, (direct.distance_m - centre_distance) / kSpeedOfSound_m_per_s, 0};
+  out[0] = {direct.level, (direct.distance_m - centre_distance) / kSpeedOfSound_m_per_s, 0};
   for (std::size_t k = 0; k < planes.size(); ++k) {
     const Plane& plane = planes[k];
     const double signed_height = dot(emitter.position_m - plane.point_m, plane.normal);
@@ -48,7 +49,8 @@ std::size_t paths(const Emitter& emitter, const Receiver& receiver, const Vec3& 
     const double rise = dot(receiver.position_m - image_m, plane.normal) / std::max(image.distance_m, 1e-9) +
                         dot(receiver.position_m - emitter.position_m, plane.normal) / std::max(direct.distance_m, 1e-9);
     const double height_spread_m = std::sqrt(std::max(0.0, quadratic_form(emitter.covariance_m2, plane.normal)));
-    out[1 + k] = {kept * image.gain, kept * image.late_gain, (image.distance_m - centre_distance) / kSpeedOfSound_m_per_s,
+    out[1 + k] = {kept * image.level * image.polarity * direct.polarity,
+                  (image.distance_m - centre_distance) / kSpeedOfSound_m_per_s,
                   height_spread_m * std::abs(rise) / kSpeedOfSound_m_per_s};
   }
   return 1 + planes.size();

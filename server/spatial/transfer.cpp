@@ -13,9 +13,8 @@ double magnitude(std::span<const Path> ways, double frequency_hz) noexcept {
   for (const Path& way : ways) {
     const double faded = omega * way.spread_s;
     const double coherence = std::exp(-0.5 * faded * faded);
-    const std::complex<double> amplitude = way.gain + way.late_gain * std::polar(1.0, -omega * kFloorLag_s);
-    coherent += coherence * amplitude * std::polar(1.0, -omega * way.delay_s);
-    incoherent += (1 - coherence * coherence) * std::norm(amplitude);
+    coherent += coherence * way.gain * std::polar(1.0, -omega * way.delay_s);
+    incoherent += (1 - coherence * coherence) * way.gain * way.gain;
   }
   return std::sqrt(std::norm(coherent) + incoherent);
 }

@@ -371,7 +371,7 @@ class FrictionNoise final : public RenderModel {
       const float amplitude = source.amplitudes[static_cast<std::size_t>(back)];
       bool reaches = false;
       for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
-        reaches = reaches || ways[c][p].gain != 0 || ways[c][p].late_gain != 0;
+        reaches = reaches || ways[c][p].gain != 0;
       }
       if (amplitude == 0 || !reaches) continue;
       if (drawn != back) table_.draw(seed, block - back, phases_);
@@ -391,9 +391,6 @@ class FrictionNoise final : public RenderModel {
             std::clamp(way.delay_s - static_cast<double>(back) * hop_ / rate_hz_, -hop_ / rate_hz_, hop_ / rate_hz_);
         Bins& spectrum = output(sheet, static_cast<int>(c)).spectrum;
         phase_ramp(amplitude * way.gain, radians_per_bin(rest_s), ramp_);
-        accumulate(source.emission, *phases, spectrum);
-        if (way.late_gain == 0) continue;
-        phase_ramp(amplitude * way.late_gain, radians_per_bin(rest_s + spatial::kFloorLag_s), ramp_);
         accumulate(source.emission, *phases, spectrum);
       }
     }

@@ -12,10 +12,10 @@ inline constexpr int kDelayHops = 16;             ///< longest path difference, 
 
 /// Render half of paper friction (P8, P10; Schreck et al. 2016, eq. 6): random-phase blocks of N = friction_fft_size under a
 /// sine window, overlapped by half; block k starts at sample k N/2 of the session.
-///   X_c(ω) = √N Σ_sources a E(ω) Σ_paths z_pc e^{-iω τ_pc} Q_p(ω)
+///   X_c(ω) = √N Σ_sources a E(ω) Σ_paths g_pc e^{-iω τ_pc} Q_p(ω)
 ///   Q_p = γ_p P + √(1 - γ_p²) I_p,   γ_p = exp(-(ω σ_t)²/2)
-/// E: the source's emission; a = gain · exp(σ n - σ²), n the slow random gain, Gaussian, below cutoff · v/v_ref; z = gain +
-/// late_gain e^{-iω kFloorLag_s} of the path; P: the source's random phases, I_p: those of one image, by which the cross
+/// E: the source's emission; a = gain · exp(σ n - σ²), n the slow random gain, Gaussian, below cutoff · v/v_ref; g the
+/// path's gain; P: the source's random phases, I_p: those of one image, by which the cross
 /// term of an extended source fades without changing its power. Phases come from a hash of (source, block, bin), so a path
 /// that is k whole hops longer takes the phases and the amplitude of k blocks before, a real delay, and only the rest of its
 /// delay goes into the phase. The two channels share their phases. Published: one P for all sources, without σ_t and n.

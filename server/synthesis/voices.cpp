@@ -15,7 +15,6 @@ constexpr double kGlance_s = 0.010;  ///< how far ahead a voice's loudness is ju
 /// One path to one channel at one time.
 struct Tap {
   float gain = 0;
-  float late_gain = 0;
   double delay = 0;  ///< samples
 };
 
@@ -108,7 +107,6 @@ class Voices final : public RenderModel {
         limit_(options.max_voices),
         rate_hz_(options.rate_hz),
         ramp_quanta_(std::max(1, static_cast<int>(std::ceil(kVoiceRamp_s * options.rate_hz / kQuantum)))),
-        lag_(spatial::kFloorLag_s * options.rate_hz),
         voices_(static_cast<std::size_t>(options.max_voices + kFadingVoices)),
         loudness_(voices_.size()) {}
 
@@ -187,7 +185,7 @@ class Voices final : public RenderModel {
           spatial::paths(voice.emitter, scene.receivers[c], scene.listener.position_m, scene.used_planes(), ways);
       for (std::size_t p = 0; p < count; ++p) {
         const double delay = std::clamp(ways[p].delay_s * rate_hz_, -limit, limit);
-        taps[c][p] = {static_cast<float>(ways[p].gain), static_cast<float>(ways[p].late_gain), delay};
+        taps[c][p] = {static_cast<float>(ways[p].gain), delay};
         voice.latest = std::max(voice.latest, delay);
       }
       for (std::size_t p = count; p < taps[c].size(); ++p) taps[c][p] = {};
@@ -196,7 +194,7 @@ class Voices final : public RenderModel {
 
   void render_voice(Voice& voice, const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept {
     const auto age = static_cast<double>(quantum_start - voice.onset);
-    if (age - voice.latest - lag_ > voice.unit_samples + 4) return end(voice);
+    if (age - voice.latest > voice.unit_samples + 4) return end(voice);
     const float gain0 = voice.gain;
     float gain1 = gain0 + voice.step;
     if (voice.step != 0 && std::abs(voice.goal - gain1) < 0.5F * std::abs(voice.step)) {
@@ -213,7 +211,6 @@ class Voices final : public RenderModel {
         const Tap& from = voice.taps[static_cast<std::size_t>(c)][p];
         const Tap& to = next[static_cast<std::size_t>(c)][p];
         add_path(voice, age, from.delay, to.delay, gain0 * from.gain, gain1 * to.gain, samples);
-        add_path(voice, age, from.delay + lag_, to.delay + lag_, gain0 * from.late_gain, gain1 * to.late_gain, samples);
       }
     }
     if (scene.moves) voice.taps = moved;
@@ -233,7 +230,7 @@ class Voices final : public RenderModel {
     for (int n = from; n < to; n += 4) energy += static_cast<double>(voice.unit[n]) * voice.unit[n];
     double heard = 0;
     for (const auto& channel : voice.taps) {
-      for (const Tap& tap : channel) heard = std::max(heard, std::abs(static_cast<double>(tap.gain)) + tap.late_gain);
+      for (const Tap& tap : channel) heard = std::max(heard, std::abs(static_cast<double>(tap.gain)));
     }
     return energy * heard * heard * voice.goal * voice.goal;
   }
@@ -262,7 +259,6 @@ class Voices final : public RenderModel {
   int limit_;
   double rate_hz_;
   int ramp_quanta_;
-  double lag_;
   std::vector<Voice> voices_;
   std::vector<double> loudness_;  ///< of each voice, valid within a quantum once judged_
   bool judged_ = false;

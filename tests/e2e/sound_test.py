@@ -5,7 +5,7 @@ import numpy as np
 from support import RustleTest, bent, curvature_of, grid, main, rms_dbfs, save_npz, table
 
 
-def third_octaves_db(samples, rate, low=200, high=16000):
+def third_octaves_db(samples, rate, low=250, high=20000):
     """Level per third-octave band of the mean of the channels' power."""
     power = np.mean(np.abs(np.fft.rfft(samples, axis=0)) ** 2, axis=1)
     frequency = np.fft.rfftfreq(len(samples), 1 / rate)
@@ -52,7 +52,9 @@ class Sliding(RustleTest):
         self.assertGreaterEqual(quadratic_form_distance(short, long, rate), 0.03)
         for events, l_c in ((one, 0.2), (other, 0.5)):
             loudest = max((e for e in events if e["kind"] == "friction"), key=lambda e: e["area_m2"])
-            self.assertAlmostEqual(loudest["resonators"][0]["l_c_m"], l_c, delta=0.05 * l_c)
+            # What touches the table, up to an edge at each of the border's four ends, is not free.
+            self.assertLess(l_c - 4 * l_c / 2 / 20 - loudest["resonators"][0]["l_c_m"], 0.05 * l_c)
+            self.assertLess(loudest["resonators"][0]["l_c_m"], 1.02 * l_c)
 
     def test_a_still_sheet_is_silent(self):
         _, samples, events = self.slide("still", 0.2, 0.1, lambda t: 0.0, seconds=1)
@@ -62,9 +64,9 @@ class Sliding(RustleTest):
     def test_rates_agree(self):
         spectra, seen = {}, {}
         for rate in (44100, 48000, 96000):
-            got, samples, events = self.slide(f"at{rate}", 0.2, 0.1, lambda t: 0.1, seconds=4, options=("--rate", rate))
+            got, samples, events = self.slide(f"at{rate}", 0.2, 0.1, lambda t: 0.1, seconds=12, options=("--rate", rate))
             self.assertEqual(got, rate)
-            spectra[rate] = third_octaves_db(samples[:4 * rate], rate)
+            spectra[rate] = third_octaves_db(samples[:12 * rate], rate)
             seen[rate] = [(e["kind"], round(e["time_s"], 4), round(e["amplitude"], 6)) for e in events]
         for rate in (44100, 96000):
             self.assertEqual(seen[rate], seen[48000])

@@ -53,7 +53,6 @@ scene::SceneState table_at(double height_m = 0) {
   scene::SceneUpdate update;
   scene::Obstacle table;
   table.id = 5;
-  table.shape = scene::PlaneShape{};
   table.pose.position_m.z() = height_m;
   table.surface_material = "wooden-table";
   update.obstacles = {table};

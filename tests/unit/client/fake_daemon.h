@@ -35,6 +35,7 @@ class FakeDaemon {
     options.control = control;
     options.stream = behaviour_.takes_streams ? "tcp://127.0.0.1:*" : "";
     options.out = "tcp://127.0.0.1:*";
+    options.stream_queue_messages = 16;
     sockets_ = std::move(*wire::Sockets::open(options));
     acknowledges_ = behaviour_.acknowledges;
     thread_ = std::thread([this] { run(); });
@@ -62,6 +63,10 @@ class FakeDaemon {
   std::vector<v1::StreamMessage> received() const {
     const std::lock_guard lock(mutex_);
     return received_;
+  }
+  std::size_t received_count() const {
+    const std::lock_guard lock(mutex_);
+    return received_.size();
   }
   std::vector<std::string> asked() const {
     const std::lock_guard lock(mutex_);
@@ -131,7 +136,7 @@ class FakeDaemon {
       note("detach " + request->session_id);
       wire::Statistics statistics;
       statistics.session_id = request->session_id;
-      statistics.messages_received = received_.size();
+      statistics.messages_received = received_count();
       statistics.frames_dropped["late"] = 2;
       reply(wire::Detached{statistics});
     } else if (std::holds_alternative<wire::GetStatisticsRequest>(request->body)) {

@@ -34,28 +34,32 @@ TEST_CASE("On the axis at one metre a dipole without planes has gain 1 and no de
   std::array<Path, 1> out;
   REQUIRE(paths(emitter, point_at(at), at, {}, out) == 1);
   CHECK(out[0].gain == Approx(1.0));
-  CHECK(out[0].late_gain == 0.0);
   CHECK(out[0].delay_s == 0.0);
 }
 
-TEST_CASE("The cosine keeps its floor through edge-on, with a sign on either side and no jump") {
+TEST_CASE("A sheet that turns through edge-on keeps its floor, and its image changes sign against it without a jump") {
   Emitter emitter;
+  emitter.position_m = {0, 0, 1};
   emitter.cosine_floor = 0.2;
-  double previous = 0, previous_late = 0;
+  const Plane wall{{-1, 0, 0}, {1, 0, 0}, 1.0};
+  const Vec3 at{0, 0, 3};
+  std::array<Path, 2> out, previous;
+  double least = 1, most = -1;
   for (int k = 0; k <= 1800; ++k) {
     const double angle = k * M_PI / 1800;
     emitter.normal = {std::sin(angle), 0, std::cos(angle)};
-    std::array<Path, 1> out;
-    paths(emitter, point_at({0, 0, 2}), {0, 0, 2}, {}, out);
-    CHECK(std::hypot(out[0].gain, out[0].late_gain) == Approx(std::max(0.2, std::abs(std::cos(angle))) / 2));
+    paths(emitter, point_at(at), at, std::span(&wall, 1), out);
+    CHECK(out[0].gain == Approx(std::max(0.2, std::abs(std::cos(angle))) / 2));
     if (k > 0) {
-      CHECK(std::abs(out[0].gain - previous) < 0.002);
-      CHECK(std::abs(out[0].late_gain - previous_late) < 0.01);
+      CHECK(std::abs(out[0].gain - previous[0].gain) < 0.002);
+      CHECK(std::abs(out[1].gain - previous[1].gain) < 0.004);
     }
-    previous = out[0].gain;
-    previous_late = out[0].late_gain;
+    least = std::min(least, out[1].gain);
+    most = std::max(most, out[1].gain);
+    previous = out;
   }
-  CHECK(previous == Approx(-0.5));
+  CHECK(least < -0.1);
+  CHECK(most > 0.1);
 }
 
 TEST_CASE("The image lies behind the plane: mirrored position, mirrored normal, longer way") {
@@ -74,7 +78,10 @@ TEST_CASE("The image lies behind the plane: mirrored position, mirrored normal, 
     const Vec3 normal = emitter.normal - (2 * dot(emitter.normal, plane.normal)) * plane.normal;
     const double distance = norm(at - image);
     const double cosine = dot(at - image, normal) / distance;
-    if (std::abs(cosine) > 0.1) CHECK(out[1].gain == Approx(0.7 * cosine / distance));
+    const double direct = dot(at - emitter.position_m, emitter.normal) / norm(at - emitter.position_m);
+    if (std::min(std::abs(cosine), std::abs(direct)) > 0.1) {
+      CHECK(out[1].gain == Approx(0.7 * cosine / distance * (direct < 0 ? -1 : 1)));
+    }
     CHECK(out[1].delay_s == Approx((distance - norm(at - emitter.position_m)) / 343.0).margin(1e-12));
     CHECK(out[1].delay_s >= 0);
   }
@@ -138,7 +145,6 @@ TEST_CASE("At no distance the gain stays that of 5 cm, and no input that is fini
       paths(emitter, point_at(at), at, std::span(&table, 1), out);
       for (const Path& way : out) {
         CHECK(std::isfinite(way.gain));
-        CHECK(std::isfinite(way.late_gain));
         CHECK(std::isfinite(way.delay_s));
         CHECK(std::isfinite(way.spread_s));
       }
