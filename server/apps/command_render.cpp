@@ -196,6 +196,8 @@ int run(const RenderArguments& arguments) {
     return failure.empty();
   };
   const auto summary = session::render_offline(engine_options, packs, arguments.workers, ends);
+  while (source->next()) {  // whether the file ends as it should shows at its end only
+  }
   if (failure.empty()) {
     auto closed = blocks.flush(keep);
     if (closed) closed = wav->close();

@@ -198,6 +198,7 @@ int run(const ReplayArguments& arguments) {
   const SteadyTime start = std::chrono::steady_clock::now() + std::chrono::milliseconds(20);
   std::vector<double> late_s;
   std::uint64_t frames = 0;
+  bool ended = false;
   std::map<std::string, std::pair<std::uint64_t, std::string>> complaints;
   std::string failure;
   Progress progress("replaying " + session->id());
@@ -226,6 +227,7 @@ int run(const ReplayArguments& arguments) {
         failure = client::to_string(sent.error());
         break;
       }
+      ended |= message.body == Body::kEnd;
       if (frame) {
         ++frames;
         first_frame = false;
@@ -233,8 +235,8 @@ int run(const ReplayArguments& arguments) {
       progress.show(static_cast<double>(++sent_messages) / static_cast<double>(selection->messages.size()));
     }
   }
-  if (failure.empty()) {
-    if (auto ended = session->end(); !ended && ended.error().code_name != "closed") failure = client::to_string(ended.error());
+  if (failure.empty() && !ended) {
+    if (auto sent = session->end(); !sent) failure = client::to_string(sent.error());
   }
   if (failure.empty() && !live) {
     if (auto drained = session->drain(std::chrono::seconds(60)); !drained) failure = client::to_string(drained.error());

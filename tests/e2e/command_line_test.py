@@ -49,10 +49,11 @@ class WrongUsage(RustleTest):
     def test_a_cut_capture_gives_what_was_whole(self):
         cut = self.folder / "cut.mcap"
         whole = STORED_CAPTURE.read_bytes()
-        cut.write_bytes(whole[:len(whole) * 2 // 3])
-        text = self.complaint(1, "render", cut, "-o", self.folder / "x.wav")
-        self.assertIn("cut.mcap", text)
-        self.assertGreater((self.folder / "x.wav").stat().st_size, 10000)
+        for share in (0.5, 0.9):
+            cut.write_bytes(whole[:int(len(whole) * share)])
+            text = self.complaint(1, "render", cut, "-o", self.folder / "x.wav")
+            self.assertIn("cut.mcap", text)
+            self.assertGreater((self.folder / "x.wav").stat().st_size, 10000)
 
     def test_positions_that_are_no_numbers(self):
         material, triangles = grid(0.1, 0.1, 4, 4)
@@ -82,7 +83,7 @@ class WrongUsage(RustleTest):
     def test_open_binds_are_refused(self):
         done = subprocess.run([BIN / "rustled", "--control", "tcp://0.0.0.0:17399"], capture_output=True, text=True, timeout=20)
         self.assertEqual(done.returncode, 2)
-        self.assertIn("loopback", done.stderr)
+        self.assertIn("bind tcp://127.0.0.1:17399", done.stderr)
 
     def test_no_daemon_there(self):
         text = self.complaint(1, "replay", STORED_CAPTURE, "--control", f"ipc://{self.folder}/nobody")

@@ -69,7 +69,9 @@ observation::FrictionContact contact(std::uint64_t id, double speed, double x) {
   out.id = id;
   out.speed_m_per_s = speed;
   out.position_m = {x, 0, 0};
-  out.vertices = {{static_cast<std::uint32_t>(10 * x), {}, 0, -1}};
+  observation::VertexContact touching;
+  touching.vertex = static_cast<std::uint32_t>(10 * x);
+  out.vertices.push_back(touching);
   return out;
 }
 
