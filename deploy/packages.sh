@@ -7,7 +7,7 @@ rustle_build_packages=(
   libspdlog-dev libfmt-dev libcli11-dev libexpected-dev nlohmann-json3-dev
   libcairo2-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
 )
-rustle_test_packages=(catch2 nodejs npm python3 python3-numpy python3-zmq python3-protobuf)
+rustle_test_packages=(catch2 clang-format nodejs npm python3 python3-numpy python3-zmq python3-protobuf)
 
 rustle_install_packages() {
   local wanted=("${rustle_build_packages[@]}") missing=() name as_root=()

@@ -10,7 +10,6 @@ fi
 # shellcheck source=deploy/packages.sh
 . deploy/packages.sh
 rustle_install_packages build
-cmake --preset release -DRUSTLE_TESTS=OFF -DCMAKE_CXX_COMPILER_LAUNCHER=ccache >build.log 2>&1 || { cat build.log >&2; exit 1; }
-rm -f build.log
+cmake --preset release -DRUSTLE_TESTS=OFF -DCMAKE_CXX_COMPILER_LAUNCHER=ccache --log-level=WARNING
 cmake --build --preset release
 build/release/bin/rustle demo "$@"

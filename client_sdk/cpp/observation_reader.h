@@ -33,7 +33,7 @@ struct ObservedCrumpling {
 };
 
 struct ObservedFriction {
-  std::uint64_t event_id = 0;            ///< stays for the whole episode
+  std::uint64_t event_id = 0;  ///< stays for the whole episode
   double speed_m_per_s = 0;
   double area_m2 = 0;
   Vector3 position{};
@@ -54,7 +54,8 @@ struct Observation {
 class ObservationReader {
  public:
   /// Returns when the daemon has seen the subscription: nothing that is sent to the session afterwards is missed.
-  [[nodiscard]] static tl::expected<ObservationReader, Error> listen(const Connection& connection, const std::string& session_id);
+  [[nodiscard]] static tl::expected<ObservationReader, Error> listen(const Connection& connection,
+                                                                     const std::string& session_id);
 
   ObservationReader(ObservationReader&&) noexcept;
   ObservationReader& operator=(ObservationReader&&) noexcept;

@@ -144,12 +144,8 @@ std::optional<PcmBlock> PcmReader::next(std::chrono::milliseconds timeout) {
       parts = std::move(impl_->waiting.front());
       impl_->waiting.pop_front();
     } else {
-      parts = impl_->socket.receive();
-      if (parts.empty()) {
-        const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now());
-        if (left.count() <= 0 || !impl_->socket.wait(left)) return std::nullopt;
-        continue;
-      }
+      parts = impl_->socket.receive_until(deadline);
+      if (parts.empty()) return std::nullopt;
     }
     if (auto block = impl_->read(parts)) return block;
   }

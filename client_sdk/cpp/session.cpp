@@ -112,7 +112,7 @@ struct Session::Impl {
                        "The daemon acknowledged nothing for " + std::to_string(send_timeout.count()) + " ms; " +
                            std::to_string(under_way.size()) + " messages are under way, the newest acknowledged is " +
                            std::to_string(acknowledged) + ".",
-                       "See whether rustled still runs (rustle doctor), or allow more time with set_send_timeout().");
+                       "See whether rustled still runs, or allow more time with set_send_timeout().");
   }
 
   v1::StreamMessage begin() const {
@@ -144,7 +144,7 @@ struct Session::Impl {
       if (wait)
         return tl::unexpected(local_error(
             "timeout", "The queue to the daemon stayed full for " + std::to_string(send_timeout.count()) + " ms.",
-            "See whether rustled still runs (rustle doctor), or allow more time with set_send_timeout()."));
+            "See whether rustled still runs, or allow more time with set_send_timeout()."));
       ++dropped_messages;
       next_sequence = std::max(next_sequence, sequence + 1);
       return Sent::kDropped;

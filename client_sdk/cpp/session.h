@@ -32,7 +32,7 @@ struct RawOptions {
 /// A simulator's session with the daemon. One thread at a time.
 ///
 ///   auto connection = Connection::connect();
-///   auto session = Session::attach(*connection, {.name = "flag", .sheets = {{.id = 1}}});
+///   auto session = Session::attach(*connection, {.name = "flag", .clock = Clock::kSimulation, .sheets = {{.id = 1}}});
 ///   session->add_topology({.id = 1, .vertex_count = vertices, .triangles = triangles});
 ///   for (double t = 0; t < 10; t += 1 / 60.0) session->frame(1, 1, t, simulate(t));
 ///   session->end();

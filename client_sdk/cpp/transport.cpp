@@ -265,6 +265,15 @@ std::vector<std::string> Socket::receive() const {
   }
 }
 
+std::vector<std::string> Socket::receive_until(Clock::time_point deadline) const {
+  for (;;) {
+    auto parts = receive();
+    if (!parts.empty()) return parts;
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
+    if (left.count() <= 0 || !wait(left)) return {};
+  }
+}
+
 bool Socket::send(std::string_view first, const google::protobuf::MessageLite& second,
                   std::chrono::milliseconds timeout) const {
   const int flags = timeout.count() == 0 ? ZMQ_DONTWAIT : 0;

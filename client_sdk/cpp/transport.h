@@ -64,6 +64,8 @@ class Socket {
   bool wait(std::chrono::milliseconds timeout) const;
   /// One message's parts; empty when none waits.
   std::vector<std::string> receive() const;
+  /// The same, waiting for it; empty when none came by then.
+  std::vector<std::string> receive_until(Clock::time_point deadline) const;
   /// Milliseconds 0: at once or not at all. False when there was no room in time.
   bool send(std::string_view first, const google::protobuf::MessageLite& second, std::chrono::milliseconds timeout) const;
   bool send(const google::protobuf::MessageLite& only, std::chrono::milliseconds timeout) const;

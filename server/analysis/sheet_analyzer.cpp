@@ -192,7 +192,8 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
         bent_map = segment(mesh->stencils, bent_positions_m, frame.time_s, parameters_, nullptr);
         bent_finder.emplace(mesh->stencils, bent_map, bent_positions_m, origin_m, holds, parameters_, nullptr);
       }
-      event.resonators = bent_finder->reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
+      event.resonators =
+          bent_finder->reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
     }
     if (event.resonators.empty()) event.resonators.push_back(constrained_at(event.position_m, event.area_m2));
   }

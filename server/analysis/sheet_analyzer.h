@@ -48,8 +48,8 @@ class SheetAnalyzer {
   /// The sheet as it was, for the regions that a flip needs: at its own moment it is flat.
   struct BentShape {
     double time_s;
-    double bending_per_m;                     ///< mean |H|
-    std::vector<sheet::Vec3f> relative_m;     ///< [V]
+    double bending_per_m;                  ///< mean |H|
+    std::vector<sheet::Vec3f> relative_m;  ///< [V]
   };
   struct State {
     std::optional<CurvatureStencils> curvature;
@@ -61,7 +61,7 @@ class SheetAnalyzer {
     std::vector<sheet::Vec3f> last_positions_m;     ///< of `last`, at the vertices of the present topology
     std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
     double earlier_s = 0;
-    std::deque<BentShape> bent;               ///< of the flip memory, each more bent than those after it
+    std::deque<BentShape> bent;  ///< of the flip memory, each more bent than those after it
     std::map<std::uint32_t, TearTip> tips;
     std::vector<sheet::Vec3f> relative_m;  ///< scratch
     std::vector<float> angles_rad;         ///< scratch

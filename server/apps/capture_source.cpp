@@ -5,6 +5,15 @@
 #include <algorithm>
 
 namespace rustle::apps {
+namespace {
+
+/// Of a topic "/SESSION/...".
+std::string_view session_of(std::string_view topic) {
+  if (topic.starts_with('/')) topic.remove_prefix(1);
+  return topic.substr(0, topic.find('/'));
+}
+
+}  // namespace
 
 tl::expected<CaptureSource, std::string> CaptureSource::open(const std::filesystem::path& file) {
   auto reader = capture::CaptureReader::open(file);
@@ -13,28 +22,29 @@ tl::expected<CaptureSource, std::string> CaptureSource::open(const std::filesyst
   std::error_code ignored;
   source.file_bytes_ = std::filesystem::file_size(file, ignored);
   source.options_.clock = session::Clock::kSimulation;
-  while (auto envelope = source.next_envelope()) {
-    source.session_id_ = envelope->session_id();
-    if (envelope->body() != wire::StreamEnvelope::Body::kAnnouncement) {
-      source.ahead_ = std::move(envelope);
-      break;
-    }
-    auto announced = envelope->announcement();
-    if (!announced) {
-      source.note(announced.error());
+  std::optional<double> first_time;
+  while (!first_time) {
+    auto envelope = source.next_envelope();
+    if (!envelope) break;
+    if (envelope->body() == wire::StreamEnvelope::Body::kAnnouncement) {
+      if (source.announced_) continue;
+      auto announced = envelope->announcement();
+      if (!announced) {
+        source.note(announced.error());
+        continue;
+      }
+      source.options_ = std::move(announced->options);
+      source.announced_ = true;
       continue;
     }
-    source.options_ = std::move(announced->options);
-    source.announced_ = true;
+    first_time = envelope->time_s();
+    source.ahead_.push_back(std::move(*envelope));
   }
-  if (!source.ahead_) {
-    return tl::unexpected(fmt::format("{}: holds no frames{}; make a capture with `rustle import` or `rustle record`", file.string(),
+  if (source.ahead_.empty()) {
+    return tl::unexpected(fmt::format("{}: holds no frames{}; make a capture with `rustle import`", file.string(),
                                       source.recovery().complete ? "" : " before its damage: " + source.recovery().what));
   }
-  if (!source.announced_) {
-    // Without an announcement the first thing that has a time is where sound begins.
-    source.options_.time_origin_s = source.ahead_->time_s().value_or(0);
-  }
+  if (!source.announced_) source.options_.time_origin_s = first_time.value_or(0);
   source.decoder_.emplace(source.options_);
   return source;
 }
@@ -42,19 +52,27 @@ tl::expected<CaptureSource, std::string> CaptureSource::open(const std::filesyst
 std::optional<wire::StreamEnvelope> CaptureSource::next_envelope() {
   while (auto record = reader_.next()) {
     if (record->kind != capture::Kind::kStreamMessage) continue;
-    auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), session_id_);
-    if (envelope) return std::move(*envelope);
-    note(envelope.error());
+    auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), session_of(record->topic));
+    if (!envelope) {
+      note(envelope.error());
+      continue;
+    }
+    if (session_id_.empty()) session_id_ = envelope->session_id();
+    if (envelope->session_id() == session_id_) return std::move(*envelope);
   }
   return std::nullopt;
 }
 
 std::optional<engine::StreamItem> CaptureSource::next() {
   for (;;) {
-    auto envelope = ahead_ ? std::exchange(ahead_, std::nullopt) : next_envelope();
+    std::optional<wire::StreamEnvelope> envelope;
+    if (!ahead_.empty()) {
+      envelope = std::move(ahead_.front());
+      ahead_.pop_front();
+    } else {
+      envelope = next_envelope();
+    }
     if (!envelope) return std::nullopt;
-    if (envelope->session_id() != session_id_) continue;
-    has_listener_ |= envelope->body() == wire::StreamEnvelope::Body::kListener;
     auto decoded = decoder_->decode(*envelope);
     if (!decoded) {
       note(decoded.error());
@@ -71,7 +89,9 @@ std::optional<engine::StreamItem> CaptureSource::next() {
 }
 
 double CaptureSource::progress() const {
-  return file_bytes_ == 0 ? 0 : std::min(1.0, static_cast<double>(reader_.recovery().bytes_read) / static_cast<double>(file_bytes_));
+  return file_bytes_ == 0
+             ? 0
+             : std::min(1.0, static_cast<double>(reader_.recovery().bytes_read) / static_cast<double>(file_bytes_));
 }
 
 void CaptureSource::note(const wire::Error& error) {

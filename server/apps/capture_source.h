@@ -1,5 +1,6 @@
 #pragma once
 
+#include <deque>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -24,7 +25,6 @@ class CaptureSource {
   /// As announced; the defaults of the simulation clock when the capture does not say.
   const session::SessionOptions& options() const { return options_; }
   bool announced() const { return announced_; }
-  bool has_listener() const { return has_listener_; }
 
   /// The next item, or nothing at the end.
   std::optional<engine::StreamItem> next();
@@ -50,8 +50,7 @@ class CaptureSource {
   capture::CaptureReader reader_;
   session::SessionOptions options_;
   bool announced_ = false;
-  bool has_listener_ = false;
-  std::optional<wire::StreamEnvelope> ahead_;  ///< read by open(), not an announcement
+  std::deque<wire::StreamEnvelope> ahead_;  ///< read by open(), up to the first that has a time
   std::optional<wire::Decoder> decoder_;
   std::string session_id_;
   std::map<std::string, Refusals> refused_;

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 
 namespace rustle::apps {
@@ -13,7 +14,24 @@ int complain(std::string_view message, ExitStatus status) {
   return status;
 }
 
-void warn(std::string_view message) { fmt::print(stderr, "rustle: warning: {}\n", message); }
+namespace {
+
+volatile std::sig_atomic_t g_interrupted = 0;
+
+}  // namespace
+
+void catch_interrupts() {
+  std::signal(SIGINT, [](int) { g_interrupted = 1; });
+  std::signal(SIGTERM, [](int) { g_interrupted = 1; });
+}
+
+bool interrupted() {
+  return g_interrupted != 0;
+}
+
+void warn(std::string_view message) {
+  fmt::print(stderr, "rustle: warning: {}\n", message);
+}
 
 Progress::Progress(std::string what) : what_(std::move(what)), on_terminal_(isatty(STDERR_FILENO) != 0) {}
 

@@ -27,6 +27,10 @@ void add_replay(CLI::App& app, Action& action);
 int complain(std::string_view message, ExitStatus status);
 void warn(std::string_view message);
 
+/// From now on SIGINT and SIGTERM only set what interrupted() tells.
+void catch_interrupts();
+bool interrupted();
+
 /// A line that overwrites itself on a terminal; nothing when standard error is none.
 class Progress {
  public:

@@ -64,7 +64,8 @@ class Teller {
       mark.area_m2 = event.area_m2;
       marks_.push_back(mark);
       if (event.continues_event_id != 0 || event.amplitude_m < kFlapTold_m) continue;
-      const bool flap = std::any_of(event.resonators.begin(), event.resonators.end(), [](const auto& r) { return !r.constrained; });
+      const bool flap =
+          std::any_of(event.resonators.begin(), event.resonators.end(), [](const auto& r) { return !r.constrained; });
       fmt::print("{:6.2f} s  {}  {:.3f} m over {:.0f} cm2{}\n", event.time_s, flap ? "flap" : "clac", event.amplitude_m,
                  1e4 * event.area_m2, resonator_text(event.resonators));
     }
@@ -103,9 +104,11 @@ class Teller {
 
  private:
   static std::string resonator_text(const std::vector<client::ObservedResonator>& resonators) {
-    const auto largest = std::max_element(resonators.begin(), resonators.end(), [](const auto& a, const auto& b) { return a.area_m2 < b.area_m2; });
+    const auto largest = std::max_element(resonators.begin(), resonators.end(),
+                                          [](const auto& a, const auto& b) { return a.area_m2 < b.area_m2; });
     if (largest == resonators.end() || largest->constrained) return {};
-    return fmt::format(", resonator l_r {:.0f} cm, l_c {:.0f} cm", 100 * largest->ruling_length_m, 100 * largest->free_border_length_m);
+    return fmt::format(", resonator l_r {:.0f} cm, l_c {:.0f} cm", 100 * largest->ruling_length_m,
+                       100 * largest->free_border_length_m);
   }
 
   std::vector<report::EventMark> marks_;
@@ -133,7 +136,8 @@ Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet) {
   if (auto failed = failure_of(session.add_topology(topology))) return failed;
   if (sheet.on_table()) {
     client::SceneUpdate scene;
-    scene.obstacles.push_back({.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
+    scene.obstacles.push_back(
+        {.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
     if (auto failed = failure_of(session.scene(scene))) return failed;
   }
   Progress progress("simulating");
@@ -155,7 +159,8 @@ struct Heard {
   std::uint32_t rate_hz = 0, channels = 0;
 };
 
-Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet, const std::string& control, Heard& heard, Teller& teller) {
+Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet, const std::string& control, Heard& heard,
+             Teller& teller) {
   auto connection = client::Connection::connect({control, {}, {}});
   if (auto failed = failure_of(connection)) return failed;
   client::SessionOptions options;
@@ -192,7 +197,8 @@ Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet,
   listener_thread.join();
   done.store(true);
   teller_thread.join();
-  for (const auto& notice : session->poll_notices()) warn(fmt::format("{}: {} {}", notice.field, notice.message, notice.remedy));
+  for (const auto& notice : session->poll_notices())
+    warn(fmt::format("{}: {} {}", notice.field, notice.message, notice.remedy));
   static_cast<void>(session->detach());
   return sending ? sending : failed;
 }
@@ -210,7 +216,8 @@ int run(const DemoArguments& arguments) {
   if (auto found = packs->find(arguments.material); !found) return complain(found.error().text(), kWrongUsage);
 
   const SocketFolder folder;
-  if (folder.path().empty()) return complain("no folder for the demo's sockets could be made; set TMPDIR to one that is yours", kFailed);
+  if (folder.path().empty())
+    return complain("no folder for the demo's sockets could be made; set TMPDIR to one that is yours", kFailed);
   DaemonOptions options;
   options.sockets.control = "ipc://" + folder.path() + "/control";
   options.sockets.stream = "ipc://" + folder.path() + "/stream";
@@ -221,8 +228,8 @@ int run(const DemoArguments& arguments) {
   std::atomic<bool> stop{false};
   std::thread network([&] { (*daemon)->run(stop); });
 
-  fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {} triangles.\n", arguments.material, sheet->duration_s(),
-             sheet->mesh().triangles.size());
+  fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {} triangles.\n", arguments.material,
+             sheet->duration_s(), sheet->mesh().triangles.size());
   Heard heard;
   Teller teller;
   const auto failed = play(arguments, *sheet, options.sockets.control, heard, teller);
@@ -231,7 +238,8 @@ int run(const DemoArguments& arguments) {
   if (failed) return complain(*failed, kFailed);
 
   const std::string wav_name = arguments.output + ".wav", picture_name = arguments.output + ".png";
-  auto wav = sinks::WavWriter::create(wav_name, static_cast<int>(heard.rate_hz), static_cast<int>(heard.channels), sinks::WavFormat::kFloat32);
+  auto wav = sinks::WavWriter::create(wav_name, static_cast<int>(heard.rate_hz), static_cast<int>(heard.channels),
+                                      sinks::WavFormat::kFloat32);
   if (!wav) return complain(wav.error(), kFailed);
   auto written = wav->write(heard.interleaved);
   if (written) written = wav->close();
@@ -239,11 +247,12 @@ int run(const DemoArguments& arguments) {
   const report::Sound sound{heard.interleaved, static_cast<int>(heard.channels), static_cast<double>(heard.rate_hz), 0};
   report::SpectrogramOptions spectrogram;
   spectrogram.title = fmt::format("rustle demo: a sheet of {}", arguments.material);
-  if (auto drawn = report::write_spectrogram_png(picture_name, sound, teller.marks(), spectrogram); !drawn) return complain(drawn.error(), kFailed);
+  if (auto drawn = report::write_spectrogram_png(picture_name, sound, teller.marks(), spectrogram); !drawn)
+    return complain(drawn.error(), kFailed);
   float peak = 0;
   for (const float x : heard.interleaved) peak = std::max(peak, std::abs(x));
-  fmt::print("{}: {:.1f} s, peak {:.1f} dBFS; {}: its spectrogram\n", wav_name, sound.duration_s(), 20 * std::log10(std::max(peak, 1e-15f)),
-             picture_name);
+  fmt::print("{}: {:.1f} s, peak {:.1f} dBFS; {}: its spectrogram\n", wav_name, sound.duration_s(),
+             20 * std::log10(std::max(peak, 1e-15f)), picture_name);
   return kDone;
 }
 
@@ -251,7 +260,8 @@ int run(const DemoArguments& arguments) {
 
 void add_demo(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<DemoArguments>();
-  auto* command = app.add_subcommand("demo", "Attach a built-in animated sheet to a daemon of its own and write what it sounds like");
+  auto* command =
+      app.add_subcommand("demo", "Attach a built-in animated sheet to a daemon of its own and write what it sounds like");
   command->footer("Example: rustle demo snap --material printer-paper -o snap");
   std::string names;
   for (const auto known : sheets::demo_names()) names += (names.empty() ? "" : ", ") + std::string(known);
@@ -259,7 +269,9 @@ void add_demo(CLI::App& app, Action& action) {
   command->add_option("-o,--output", arguments->output, "Writes OUTPUT.wav and OUTPUT.png")->capture_default_str();
   command->add_option("--material", arguments->material, "The sheet's material")->capture_default_str();
   command->add_option("--seed", arguments->seed, "Seed of everything random")->capture_default_str();
-  command->add_option("--triangles", arguments->triangles, "Of the sheet's mesh")->check(CLI::Range(50, 100000))->capture_default_str();
+  command->add_option("--triangles", arguments->triangles, "Of the sheet's mesh")
+      ->check(CLI::Range(50, 100000))
+      ->capture_default_str();
   command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }
 

@@ -25,7 +25,8 @@ int run(ImportArguments& arguments) {
   capture::ImportResult result;
   {
     Progress progress("importing");
-    result = capture::import_capture(arguments.input, arguments.output, options, [&](double share) { progress.show(share); });
+    result =
+        capture::import_capture(arguments.input, arguments.output, options, [&](double share) { progress.show(share); });
   }
   if (!result) return complain(result.error().text(), kFailed);
   const auto& summary = *result;
@@ -60,19 +61,27 @@ void add_import(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<ImportArguments>();
   auto* command = app.add_subcommand("import", "Turn a NumPy .npz file or an OBJ/PLY sequence into a capture");
   command->footer("Example: rustle import frames/ --fps 60 --up y --scale 0.01 -o shirt.mcap");
-  command->add_option("INPUT", arguments->input, ".npz file, .obj or .ply file, folder of them, or a quoted pattern")->required();
+  command->add_option("INPUT", arguments->input, ".npz file, .obj or .ply file, folder of them, or a quoted pattern")
+      ->required();
   command->add_option("-o,--output", arguments->output, "The capture to write (.mcap)")->required();
   command->add_option("--scale", arguments->options.metres_per_unit, "Metres per unit of the input: 0.01 for centimetres")
-      ->check(CLI::PositiveNumber)->capture_default_str();
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   command->add_option("--up", arguments->up, "The input's up axis")->check(CLI::IsMember({"y", "z"}))->capture_default_str();
-  command->add_option("--fps", arguments->options.frames_per_s, "Frames per second, where the input has no times")->check(CLI::PositiveNumber);
+  command->add_option("--fps", arguments->options.frames_per_s, "Frames per second, where the input has no times")
+      ->check(CLI::PositiveNumber);
   command->add_option("--material", arguments->options.material, "The sheet's material, such as printer-paper");
-  command->add_option("--kind", arguments->kind, "What the sheet is")->check(CLI::IsMember({"paper", "cloth"}))->capture_default_str();
-  command->add_option("--touched-surface", arguments->options.touched_surface, "What the sheet touches, such as wooden-table");
+  command->add_option("--kind", arguments->kind, "What the sheet is")
+      ->check(CLI::IsMember({"paper", "cloth"}))
+      ->capture_default_str();
+  command->add_option("--touched-surface", arguments->options.touched_surface,
+                      "What the sheet touches, such as wooden-table");
   command->add_option("--obstacle-surface", arguments->options.obstacle_surface, "Surface material of the obstacles");
   command->add_flag("--no-reflections", arguments->no_reflections, "Flat obstacles do not reflect sound");
-  command->add_flag("--uv-is-material", arguments->options.texture_coordinates_are_material, "OBJ: vt are the flat sheet's coordinates");
-  command->add_option("--session", arguments->options.session_id, "Session id in the capture; the output's name when absent");
+  command->add_flag("--uv-is-material", arguments->options.texture_coordinates_are_material,
+                    "OBJ: vt are the flat sheet's coordinates");
+  command->add_option("--session", arguments->options.session_id,
+                      "Session id in the capture; the output's name when absent");
   command->add_flag("--json", arguments->json, "Print the summary as JSON");
   command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

@@ -67,7 +67,8 @@ tl::expected<Moment, std::string> analyse_until(const InspectArguments& argument
         const bool comparable = other.previous && other.previous->topology == other.newest->topology;
         others.push_back({id, &*other.newest, comparable ? &*other.previous : nullptr, other.description.material});
       }
-      sheet.observation = sheet.analyzer->analyze(*frame, {&scene, others, sheet.description.touched_surface, sheet.description.material}, next_event_id);
+      sheet.observation = sheet.analyzer->analyze(
+          *frame, {&scene, others, sheet.description.touched_surface, sheet.description.material}, next_event_id);
       for (const auto& event : sheet.observation.crumpling) sheet.recent.push_back(event);
       std::erase_if(sheet.recent, [&](const auto& event) { return event.time_s < frame->time_s - kEventsShown_s; });
       sheet.previous = std::move(sheet.newest);
@@ -77,7 +78,8 @@ tl::expected<Moment, std::string> analyse_until(const InspectArguments& argument
   const auto found = shown ? sheets.find(*shown) : sheets.end();
   if (found == sheets.end() || !found->second.newest) {
     return tl::unexpected(fmt::format("{}: {} has no frame up to {} s; its first is at {:.3f} s", arguments.capture,
-                                      shown ? fmt::format("sheet {}", *shown) : "it", arguments.time_s, source.first_time_s()));
+                                      shown ? fmt::format("sheet {}", *shown) : "it", arguments.time_s,
+                                      source.first_time_s()));
   }
   Moment moment;
   moment.frame = std::move(*found->second.newest);
@@ -119,7 +121,8 @@ report::SheetView view_of(const Moment& moment, const analysis::RegionPicture& p
   view.ruling_directions = picture.map.ruling;
   const auto borders = topology.border_edges();
   for (std::size_t k = 0; k < borders.size(); ++k) {
-    view.borders.push_back({borders[k].start, borders[k].end, k < picture.map.free_border.size() ? picture.map.free_border[k] : 0.0f});
+    view.borders.push_back(
+        {borders[k].start, borders[k].end, k < picture.map.free_border.size() ? picture.map.free_border[k] : 0.0f});
   }
   const bool own_mesh = picture.topology == moment.frame.topology;
   if (own_mesh) {
@@ -133,7 +136,8 @@ report::SheetView view_of(const Moment& moment, const analysis::RegionPicture& p
   view.obstacles = moment.obstacles;
   view.listener_m = moment.listener_m;
   if (!own_mesh) {
-    view.facts.emplace_back("Drawn on", fmt::format("the coarse proxy of {} triangles", moment.frame.topology->triangle_count()));
+    view.facts.emplace_back("Drawn on",
+                            fmt::format("the coarse proxy of {} triangles", moment.frame.topology->triangle_count()));
   }
   return view;
 }
@@ -146,7 +150,8 @@ int run(const InspectArguments& arguments) {
   const auto picture = analysis::picture_regions(moment->frame, analysis::Parameters{});
   if (!arguments.output.empty()) {
     const auto title = fmt::format("{} {}", std::filesystem::path(arguments.capture).stem().string(), moment->sheet_name);
-    if (auto drawn = report::write_sheet_png(arguments.output, view_of(*moment, picture, title)); !drawn) return complain(drawn.error(), kFailed);
+    if (auto drawn = report::write_sheet_png(arguments.output, view_of(*moment, picture, title)); !drawn)
+      return complain(drawn.error(), kFailed);
   }
   std::size_t contacts = 0, sliding = 0;
   for (const auto& contact : moment->observation.friction) {
@@ -157,19 +162,29 @@ int run(const InspectArguments& arguments) {
     auto regions = nlohmann::ordered_json::array();
     for (std::size_t k = 0; k < picture.regions.size(); ++k) {
       const auto& r = picture.regions[k];
-      regions.push_back({{"curved", static_cast<bool>(picture.map.region_curved[k])}, {"constrained", r.constrained}, {"coarse", r.coarse},
-                         {"l_r_m", r.ruling_length_m}, {"l_c_m", r.free_border_length_m}, {"area_m2", r.area_m2},
+      regions.push_back({{"curved", static_cast<bool>(picture.map.region_curved[k])},
+                         {"constrained", r.constrained},
+                         {"coarse", r.coarse},
+                         {"l_r_m", r.ruling_length_m},
+                         {"l_c_m", r.free_border_length_m},
+                         {"area_m2", r.area_m2},
                          {"position_m", {r.position_m.x(), r.position_m.y(), r.position_m.z()}}});
     }
-    fmt::print("{}\n", nlohmann::ordered_json{{"time_s", moment->frame.time_s}, {"sheet", moment->frame.sheet},
-                                              {"triangles", moment->frame.topology->triangle_count()}, {"regions", regions},
-                                              {"touching_vertices", contacts}, {"sliding_contacts", sliding},
+    fmt::print("{}\n", nlohmann::ordered_json{{"time_s", moment->frame.time_s},
+                                              {"sheet", moment->frame.sheet},
+                                              {"triangles", moment->frame.topology->triangle_count()},
+                                              {"regions", regions},
+                                              {"touching_vertices", contacts},
+                                              {"sliding_contacts", sliding},
                                               {"recent_events", moment->recent.size()}}
                            .dump());
   } else {
-    fmt::print("{} at {:.4f} s: {} triangles, {} regions, {} touching vertices, {} sliding contacts, {} events in the last {:.0f} ms{}\n",
-               arguments.capture, moment->frame.time_s, moment->frame.topology->triangle_count(), picture.map.region_count, contacts, sliding,
-               moment->recent.size(), 1e3 * kEventsShown_s, arguments.output.empty() ? "" : "; drawn to " + arguments.output);
+    fmt::print(
+        "{} at {:.4f} s: {} triangles, {} regions, {} touching vertices, {} sliding contacts, {} events in the last {:.0f} "
+        "ms{}\n",
+        arguments.capture, moment->frame.time_s, moment->frame.topology->triangle_count(), picture.map.region_count,
+        contacts, sliding, moment->recent.size(), 1e3 * kEventsShown_s,
+        arguments.output.empty() ? "" : "; drawn to " + arguments.output);
   }
   return kDone;
 }

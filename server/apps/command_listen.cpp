@@ -3,7 +3,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <csignal>
 #include <memory>
 #include <optional>
 
@@ -14,7 +13,7 @@
 namespace rustle::apps {
 namespace {
 
-volatile std::sig_atomic_t g_interrupted = 0;
+constexpr int kSecondsWithout = 5;
 
 struct ListenArguments {
   std::string session, control = "tcp://127.0.0.1:7390", output, format = "f32";
@@ -44,21 +43,31 @@ int run(const ListenArguments& arguments) {
   auto reader = client::PcmReader::listen(*connection, session, options);
   if (!reader) return complain(client::to_string(reader.error()), kFailed);
 
-  std::signal(SIGINT, [](int) { g_interrupted = 1; });
-  std::signal(SIGTERM, [](int) { g_interrupted = 1; });
+  catch_interrupts();
   std::optional<sinks::WavWriter> wav;
   std::uint64_t samples = 0;
   std::uint32_t rate = 0;
   float peak = 0;
+  int seconds_without = 0;
   Progress level("listening to " + session);
-  while (g_interrupted == 0) {
-    auto block = reader->next(std::chrono::milliseconds(200));
-    if (!block) continue;
+  while (!interrupted()) {
+    auto block = reader->next(std::chrono::seconds(1));
+    if (!block) {
+      // Silence is sent too: when nothing comes the session may be gone, or its daemon.
+      if (++seconds_without < kSecondsWithout) continue;
+      const auto sessions = connection->list_sessions();
+      if (!sessions) return complain(client::to_string(sessions.error()), kFailed);
+      if (std::none_of(sessions->begin(), sessions->end(), [&](const auto& s) { return s.session_id == session; })) break;
+      seconds_without = 0;
+      continue;
+    }
+    seconds_without = 0;
     if (block->end) break;
     rate = block->rate_hz;
     if (!wav && !arguments.output.empty()) {
-      auto created = sinks::WavWriter::create(arguments.output, static_cast<int>(rate), static_cast<int>(block->channels),
-                                              arguments.format == "s16" ? sinks::WavFormat::kInt16 : sinks::WavFormat::kFloat32);
+      auto created =
+          sinks::WavWriter::create(arguments.output, static_cast<int>(rate), static_cast<int>(block->channels),
+                                   arguments.format == "s16" ? sinks::WavFormat::kInt16 : sinks::WavFormat::kFloat32);
       if (!created) return complain(created.error(), kFailed);
       wav = std::move(*created);
     }
@@ -79,9 +88,10 @@ int run(const ListenArguments& arguments) {
   if (wav) {
     if (auto closed = wav->close(); !closed) return complain(closed.error(), kFailed);
   }
-  fmt::print("{}: {:.2f} s, peak {:.1f} dBFS, {} samples missing\n", session, rate == 0 ? 0.0 : static_cast<double>(samples) / rate,
-             20 * std::log10(std::max(peak, 1e-15f)), reader->missing_samples());
-  return kDone;
+  fmt::print("{}: {:.2f} s, peak {:.1f} dBFS, {} samples missing\n", session,
+             rate == 0 ? 0.0 : static_cast<double>(samples) / rate, 20 * std::log10(std::max(peak, 1e-15f)),
+             reader->missing_samples());
+  return reader->missing_samples() == 0 ? kDone : kFailed;
 }
 
 }  // namespace
@@ -92,9 +102,14 @@ void add_listen(CLI::App& app, Action& action) {
   command->footer("Example: rustle listen flag -o flag.wav --seconds 10");
   command->add_option("SESSION", arguments->session, "The session; the only one there is when absent");
   command->add_option("-o,--output", arguments->output, "WAV file to write; without it only the level is told");
-  command->add_option("--seconds", arguments->seconds, "Stop after that much sound; at the stream's end otherwise")->check(CLI::PositiveNumber);
-  command->add_option("--format", arguments->format, "Sample format")->check(CLI::IsMember({"f32", "s16"}))->capture_default_str();
-  command->add_option("--blocks", arguments->blocks, "Blocks in a message: fewer come sooner")->check(CLI::Range(1, 4))->capture_default_str();
+  command->add_option("--seconds", arguments->seconds, "Stop after that much sound; at the stream's end otherwise")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--format", arguments->format, "Sample format")
+      ->check(CLI::IsMember({"f32", "s16"}))
+      ->capture_default_str();
+  command->add_option("--blocks", arguments->blocks, "Blocks in a message: fewer come sooner")
+      ->check(CLI::Range(1, 4))
+      ->capture_default_str();
   command->add_option("--control", arguments->control, "The daemon's control endpoint")->capture_default_str();
   command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

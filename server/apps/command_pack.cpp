@@ -17,8 +17,8 @@ int run_list(bool json) {
   auto list = nlohmann::ordered_json::array();
   for (const auto& entry : packs.entries()) {
     if (!json) {
-      fmt::print("{:<16} on {:<14} version {}, {}, {}\n  {}\n", entry.material, entry.touched_surface, entry.version, entry.licence,
-                 entry.origin, entry.folder.string());
+      fmt::print("{:<16} on {:<14} version {}, {}, {}\n  {}\n", entry.material, entry.touched_surface, entry.version,
+                 entry.licence, entry.origin, entry.folder.string());
     }
     list.push_back({{"name", entry.name},
                     {"material", entry.material},
@@ -33,8 +33,10 @@ int run_list(bool json) {
   if (list.empty()) {
     std::string folders;
     for (const auto& folder : packs.search_folders()) folders += "\n  " + folder.string();
-    return complain("no sound pack found; make one with `rustle pack generate`, or name its folder in RUSTLE_PACK_PATH. Looked in:" + folders,
-                    kFailed);
+    return complain(
+        "no sound pack found; make one with `rustle pack generate`, or name its folder in RUSTLE_PACK_PATH. Looked in:" +
+            folders,
+        kFailed);
   }
   return kDone;
 }
@@ -47,7 +49,11 @@ int run_check(const std::string& folder, bool json) {
     const char* name = severity == pack::Severity::kError ? "error" : "warning";
     usable &= severity != pack::Severity::kError;
     if (!json) fmt::print("{}: {}\n", name, what.text());
-    list.push_back({{"severity", name}, {"file", what.file}, {"field", what.field}, {"message", what.message}, {"remedy", what.remedy}});
+    list.push_back({{"severity", name},
+                    {"file", what.file},
+                    {"field", what.field},
+                    {"message", what.message},
+                    {"remedy", what.remedy}});
   }
   if (json) fmt::print("{}\n", nlohmann::ordered_json{{"folder", folder}, {"findings", list}}.dump());
   if (!json && list.empty()) fmt::print("{}: in order\n", folder);
@@ -97,7 +103,8 @@ void add_pack(CLI::App& app, Action& action) {
   generate->footer("Example: rustle pack generate --material printer-paper -o packs/printer-paper");
   generate->add_option("--material", *material, "Which one")->check(CLI::IsMember(generatable()))->required();
   generate->add_option("-o,--output", *folder, "The folder to write")->required();
-  generate->callback([material, folder, &action] { action = [material, folder] { return run_generate(*material, *folder); }; });
+  generate->callback(
+      [material, folder, &action] { action = [material, folder] { return run_generate(*material, *folder); }; });
 }
 
 }  // namespace rustle::apps

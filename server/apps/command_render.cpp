@@ -22,7 +22,7 @@ namespace rustle::apps {
 namespace {
 
 struct RenderArguments {
-  std::string capture, output, material, channels = "stereo", mode, format = "f32", listener, stems, events, report;
+  std::string capture, output, material, channels, mode, format = "f32", listener, stems, events, report;
   std::optional<std::uint64_t> seed;
   int block_size = 128;
   int workers = 1;
@@ -34,7 +34,8 @@ struct RenderArguments {
 std::optional<sheet::Vec3d> parse_point(const std::string& text) {
   sheet::Vec3d point;
   char rest = 0;
-  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%c", &point.x(), &point.y(), &point.z(), &rest) != 3 || !point.allFinite()) return std::nullopt;
+  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%c", &point.x(), &point.y(), &point.z(), &rest) != 3 || !point.allFinite())
+    return std::nullopt;
   return point;
 }
 
@@ -49,14 +50,14 @@ class StemFiles {
   StemFiles(std::filesystem::path folder, int rate_hz, int channels, sinks::WavFormat format)
       : folder_(std::move(folder)), rate_hz_(rate_hz), channels_(channels), format_(format) {}
 
-  tl::expected<void, std::string> write(const engine::AudioQuantum& quantum, const std::vector<sheet::SheetId>& sheets) {
+  tl::expected<void, std::string> write(const engine::AudioQuantum& quantum) {
     for (std::size_t bus = 0; bus < quantum.stems.size(); ++bus) {
       const auto& samples = quantum.stems[bus];
       auto file = files_.find(bus);
       if (file == files_.end()) {
         if (std::all_of(samples.begin(), samples.end(), [](float x) { return x == 0; })) continue;
         const auto index = static_cast<std::size_t>(synthesis::sheet_of(static_cast<synthesis::Bus>(bus)));
-        const auto name = fmt::format("sheet-{}-{}.wav", index < sheets.size() ? sheets[index] : 0,
+        const auto name = fmt::format("sheet-{}-{}.wav", quantum.sheets[index],
                                       wire::kind_name(synthesis::kind_of(static_cast<synthesis::Bus>(bus))));
         auto created = sinks::WavWriter::create(folder_ / name, rate_hz_, channels_, format_);
         if (!created) return tl::unexpected(created.error());
@@ -115,14 +116,14 @@ int run(const RenderArguments& arguments) {
   auto source = CaptureSource::open(arguments.capture);
   if (!source) return complain(source.error(), std::filesystem::exists(arguments.capture) ? kFailed : kWrongUsage);
 
-  session::SessionOptions options = source->options();
+  session::SessionOptions options = session::replayed(source->options());
   if (arguments.seed) options.seed = *arguments.seed;
   if (!arguments.mode.empty()) {
     options.mode = arguments.mode == "published" ? session::SynthesisMode::kPublished : session::SynthesisMode::kCorrected;
   }
   if (arguments.rate_hz != 0) options.rate_hz = static_cast<std::uint32_t>(arguments.rate_hz);
-  options.channels = arguments.channels == "mono" ? session::ChannelLayout::kMono : session::ChannelLayout::kStereo;
-  options.clock = session::Clock::kSimulation;
+  if (arguments.channels == "mono") options.channels = session::ChannelLayout::kMono;
+  if (arguments.channels == "stereo") options.channels = session::ChannelLayout::kStereo;
   options = session::settled(options);
 
   auto packs = std::make_shared<pack::PackLibrary>();
@@ -156,7 +157,6 @@ int run(const RenderArguments& arguments) {
   sinks::EventLog log;
   RenderFacts facts;
   facts.capture = arguments.capture;
-  std::vector<sheet::SheetId> sheet_order;
   std::string failure;
   std::map<std::string, CaptureSource::Refusals> engine_refusals;
   std::vector<float> heard;
@@ -165,6 +165,7 @@ int run(const RenderArguments& arguments) {
   float peak = 0;
 
   const auto keep = [&](std::span<const float> samples) { return wav->write(samples); };
+  Progress progress("rendering");
   session::OfflineEnds ends;
   ends.next = [&]() -> std::optional<engine::StreamItem> {
     if (listener) {
@@ -174,7 +175,8 @@ int run(const RenderArguments& arguments) {
     }
     auto item = source->next();
     while (item && !arguments.listener.empty() && std::holds_alternative<scene::Listener>(*item)) item = source->next();
-    if (item) facts.see(*item, sheet_order);
+    if (item) facts.see(*item);
+    progress.show(source->progress());
     return item;
   };
   ends.observed = [&](const observation::Observation& observed) { log.add(observed); };
@@ -182,7 +184,6 @@ int run(const RenderArguments& arguments) {
     auto& refusals = engine_refusals[refusal.field];
     if (refusals.count++ == 0) refusals.first = fmt::format("{}: {} {}", refusal.field, refusal.message, refusal.remedy);
   };
-  Progress progress("rendering");
   ends.audio = [&](const engine::AudioQuantum& quantum) {
     for (const float x : quantum.mix) {
       sum += static_cast<double>(x) * x;
@@ -190,9 +191,8 @@ int run(const RenderArguments& arguments) {
     }
     if (keep_samples) heard.insert(heard.end(), quantum.mix.begin(), quantum.mix.end());
     auto written = blocks.add(quantum.mix, keep);
-    if (written && !arguments.stems.empty()) written = stems.write(quantum, sheet_order);
+    if (written && !arguments.stems.empty()) written = stems.write(quantum);
     if (!written) failure = written.error();
-    progress.show(source->progress());
     return failure.empty();
   };
   const auto summary = session::render_offline(engine_options, packs, arguments.workers, ends);
@@ -208,7 +208,8 @@ int run(const RenderArguments& arguments) {
 
   const auto events = log.finish();
   if (!arguments.events.empty()) {
-    if (auto written = sinks::write_json_lines(arguments.events, events); !written) return complain(written.error(), kFailed);
+    if (auto written = sinks::write_json_lines(arguments.events, events); !written)
+      return complain(written.error(), kFailed);
   }
   const double elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
   const double seconds = static_cast<double>(summary.samples) / engine_options.rate_hz;
@@ -219,7 +220,8 @@ int run(const RenderArguments& arguments) {
   auto refused = source->refused();
   refused.insert(engine_refusals.begin(), engine_refusals.end());
   for (const auto& [code, refusals] : refused) {
-    notices.push_back(fmt::format("{} message{} left out, first: {}", refusals.count, refusals.count == 1 ? "" : "s", refusals.first));
+    notices.push_back(
+        fmt::format("{} message{} left out, first: {}", refusals.count, refusals.count == 1 ? "" : "s", refusals.first));
   }
   if (!source->recovery().complete) notices.push_back(fmt::format("{}: {}", arguments.capture, source->recovery().what));
   if (source->frames() == 0) notices.push_back(fmt::format("{}: not one frame could be used", arguments.capture));
@@ -255,10 +257,12 @@ int run(const RenderArguments& arguments) {
                                               {"left_out", notices}}
                            .dump());
   } else {
-    fmt::print("{}: {:.2f} s from {} frames, {} crumpling events, {} friction episodes, {} tears; peak {:.1f} dBFS, RMS {:.1f} dBFS; "
-               "rendered in {:.2f} s, {:.0f}x real time\n",
-               arguments.output, seconds, source->frames(), by_kind["crumpling"], by_kind["friction"], by_kind["tearing"],
-               dbfs(peak), dbfs(rms), elapsed_s, seconds / std::max(elapsed_s, 1e-9));
+    fmt::print(
+        "{}: {:.2f} s from {} frames, {} crumpling events, {} friction episodes, {} tears; peak {:.1f} dBFS, RMS {:.1f} "
+        "dBFS; "
+        "rendered in {:.2f} s, {:.0f}x real time\n",
+        arguments.output, seconds, source->frames(), by_kind["crumpling"], by_kind["friction"], by_kind["tearing"],
+        dbfs(peak), dbfs(rms), elapsed_s, seconds / std::max(elapsed_s, 1e-9));
   }
   for (const auto& notice : notices) warn(notice);
   return notices.empty() ? kDone : kFailed;
@@ -269,23 +273,32 @@ int run(const RenderArguments& arguments) {
 void add_render(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<RenderArguments>();
   auto* command = app.add_subcommand("render", "Render a capture to a WAV file, faster than real time");
-  command->footer("Example: rustle render crumple.mcap -o crumple.wav --events crumple.jsonl --report crumple.html\n"
-                  "Without --material the capture's own is used, else printer paper; without --listener the capture's own, else\n"
-                  "1 m from the sheet's first centroid at 30 degrees above. What cannot be used is left out, named, and status 1.");
+  command->footer(
+      "Example: rustle render crumple.mcap -o crumple.wav --events crumple.jsonl --report crumple.html\n"
+      "Without --material the capture's own is used, else printer paper; without --listener the capture's own, else\n"
+      "1 m from the sheet's first centroid at 30 degrees above. What cannot be used is left out, named, and status 1.");
   command->add_option("CAPTURE", arguments->capture, "The capture (.mcap)")->required();
   command->add_option("-o,--output", arguments->output, "The WAV file to write")->required();
   command->add_option("--material", arguments->material, "Material of every sheet, such as printer-paper");
   command->add_option("--seed", arguments->seed, "Seed of everything random");
   command->add_option("--block-size", arguments->block_size, "Samples handed on at a time; changes no sample")
-      ->check(CLI::Range(1, 1 << 20))->capture_default_str();
+      ->check(CLI::Range(1, 1 << 20))
+      ->capture_default_str();
   command->add_option("--workers", arguments->workers, "Threads; 2 lets analysis run ahead of synthesis; changes no sample")
-      ->check(CLI::Range(1, 64))->capture_default_str();
-  command->add_option("--channels", arguments->channels, "mono or stereo")->check(CLI::IsMember({"mono", "stereo"}))->capture_default_str();
-  command->add_option("--mode", arguments->mode, "published: the papers' formulas as printed")->check(CLI::IsMember({"published", "corrected"}));
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  command->add_option("--channels", arguments->channels, "mono or stereo; the capture's own when absent, else stereo")
+      ->check(CLI::IsMember({"mono", "stereo"}));
+  command->add_option("--mode", arguments->mode, "published: the papers' formulas as printed")
+      ->check(CLI::IsMember({"published", "corrected"}));
   command->add_option("--listener", arguments->listener, "Where it is heard, x,y,z in metres, z up");
-  command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")->check(CLI::Range(-120.0, 60.0))->capture_default_str();
+  command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")
+      ->check(CLI::Range(-120.0, 60.0))
+      ->capture_default_str();
   command->add_option("--rate", arguments->rate_hz, "Sample rate in Hz")->check(CLI::IsMember({44100, 48000, 96000}));
-  command->add_option("--format", arguments->format, "Sample format")->check(CLI::IsMember({"f32", "s16", "s24"}))->capture_default_str();
+  command->add_option("--format", arguments->format, "Sample format")
+      ->check(CLI::IsMember({"f32", "s16", "s24"}))
+      ->capture_default_str();
   command->add_option("--stems", arguments->stems, "Folder for a WAV file per sheet and kind, before the limiter");
   command->add_option("--events", arguments->events, "Event list to write, a JSON object per line");
   command->add_option("--report", arguments->report, "HTML report to write, one file");

@@ -2,20 +2,23 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <thread>
 
 #include "client_sdk/capture/capture_reader.h"
 #include "client_sdk/capture/retime.h"
 #include "client_sdk/cpp/session.h"
 #include "server/apps/command.h"
+#include "server/session/settled_options.h"
 #include "server/sinks/wav.h"
 #include "server/wire/stream_envelope.h"
 
@@ -24,8 +27,6 @@ namespace {
 
 using SteadyTime = std::chrono::steady_clock::time_point;
 using Body = wire::StreamEnvelope::Body;
-
-volatile std::sig_atomic_t g_interrupted = 0;
 
 struct ReplayArguments {
   std::string capture, clock = "live", control = "tcp://127.0.0.1:7390", material, wav, session;
@@ -41,7 +42,8 @@ struct ReplayMessage {
   std::string bytes;
   Body body;
   std::optional<double> time_s;  ///< simulation time
-  double due_s;                  ///< seconds after the first message of the selection, at speed 1
+  std::optional<std::uint32_t> sheet;
+  double due_s;  ///< seconds after the first message of the selection, at speed 1
 };
 
 struct Selection {
@@ -49,6 +51,7 @@ struct Selection {
   bool announced = false;
   std::string name;
   std::vector<ReplayMessage> messages;
+  double first_frame_s = 0;
   double length_s = 0;  ///< from the first frame to one frame past the last: where a loop begins again
   std::string damage;
 };
@@ -60,12 +63,13 @@ tl::expected<Selection, std::string> read_selection(const ReplayArguments& argum
   const double from = arguments.from_s.value_or(-std::numeric_limits<double>::infinity());
   const double to = arguments.to_s.value_or(std::numeric_limits<double>::infinity());
   std::optional<std::uint64_t> first_ns;
-  std::optional<double> first_frame, last_frame, previous_frame;
+  std::optional<double> first_time, first_frame, last_frame, previous_frame;
   while (auto record = reader->next()) {
     if (record->kind != capture::Kind::kStreamMessage) continue;
     auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), {});
     if (!envelope) continue;
     if (selection.name.empty()) selection.name = envelope->session_id();
+    if (envelope->session_id() != selection.name) continue;
     if (envelope->body() == Body::kAnnouncement) {
       if (auto announced = envelope->announcement(); announced && !selection.announced) {
         selection.options = announced->options;
@@ -74,47 +78,61 @@ tl::expected<Selection, std::string> read_selection(const ReplayArguments& argum
       continue;
     }
     const auto time = envelope->time_s();
+    if (!first_time) first_time = time;
     const bool frame = envelope->body() == Body::kFrame;
     const bool timed_out = time && *time > to;
-    if (timed_out || (time && *time < from && (frame || envelope->body() == Body::kTearTips || envelope->body() == Body::kAdvance))) continue;
+    if (timed_out ||
+        (time && *time < from && (frame || envelope->body() == Body::kTearTips || envelope->body() == Body::kAdvance)))
+      continue;
     if (frame && !first_ns) first_ns = record->log_time_ns;
-    const double due = first_ns && record->log_time_ns > *first_ns ? static_cast<double>(record->log_time_ns - *first_ns) * 1e-9 : 0;
-    selection.messages.push_back({std::move(record->bytes), envelope->body(), time, due});
+    const double due =
+        first_ns && record->log_time_ns > *first_ns ? static_cast<double>(record->log_time_ns - *first_ns) * 1e-9 : 0;
+    selection.messages.push_back({std::move(record->bytes), envelope->body(), time, envelope->sheet_id(), due});
     if (frame) {
       if (!first_frame) first_frame = time;
       previous_frame = last_frame;
       last_frame = time;
     }
   }
-  if (!first_frame) return tl::unexpected(fmt::format("{}: no frames between --from and --to; `rustle inspect` shows what there is", arguments.capture));
+  if (!first_frame)
+    return tl::unexpected(
+        fmt::format("{}: no frames between --from and --to; `rustle inspect` shows what there is", arguments.capture));
   selection.length_s = *last_frame - *first_frame + (previous_frame ? *last_frame - *previous_frame : 1.0 / 60);
-  if (arguments.from_s || !selection.announced) selection.options.time_origin_s = *first_frame;
+  if (arguments.from_s) {
+    selection.options.time_origin_s = *first_frame;
+  } else if (!selection.announced) {
+    selection.options.time_origin_s = *first_time;
+  }
+  selection.first_frame_s = *first_frame;
   if (!reader->recovery().complete) selection.damage = reader->recovery().what;
   return selection;
 }
 
 client::SessionOptions attach_options(const ReplayArguments& arguments, const Selection& selection) {
-  const auto& said = selection.options;
+  const bool simulation = arguments.clock == "simulation";
+  const session::SessionOptions said = simulation ? session::replayed(selection.options) : selection.options;
   client::SessionOptions options;
   options.name = arguments.session.empty() ? selection.name : arguments.session;
-  options.clock = arguments.clock == "simulation" ? client::Clock::kSimulation : client::Clock::kLive;
+  options.clock = simulation ? client::Clock::kSimulation : client::Clock::kLive;
   options.time_origin_s = said.time_origin_s;
   options.metres_per_unit = said.metres_per_unit;
   options.up_axis = said.up_axis == session::UpAxis::kY ? client::UpAxis::kY : client::UpAxis::kZ;
   options.seed = arguments.seed.value_or(said.seed);
-  options.mode = said.mode == session::SynthesisMode::kPublished ? client::SynthesisMode::kPublished : client::SynthesisMode::kCorrected;
+  options.mode = said.mode == session::SynthesisMode::kPublished ? client::SynthesisMode::kPublished
+                                                                 : client::SynthesisMode::kCorrected;
   options.rate_hz = said.rate_hz;
   options.block_size = said.block_size;
   options.channels = said.channels == session::ChannelLayout::kMono ? client::Channels::kMono : client::Channels::kStereo;
   options.default_material = arguments.material.empty() ? said.default_material : arguments.material;
-  if (said.clock == session::Clock::kSimulation && options.clock == client::Clock::kSimulation) options.playout_delay_s = said.playout_delay_s;
+  if (simulation) options.playout_delay_s = said.playout_delay_s;
   return options;
 }
 
 /// Writes what the daemon sends back until the stream ends.
 class WavReturn {
  public:
-  WavReturn(client::PcmReader reader, std::string file) : reader_(std::move(reader)), file_(std::move(file)), thread_([this] { run(); }) {}
+  WavReturn(client::PcmReader reader, std::string file)
+      : reader_(std::move(reader)), file_(std::move(file)), thread_([this] { run(); }) {}
   ~WavReturn() {
     stop_.store(true);
     if (thread_.joinable()) thread_.join();
@@ -141,9 +159,11 @@ class WavReturn {
       }
       idle = 0;
       if (block->end) break;
-      if (block->missing_samples != 0 && failure_.empty()) failure_ = fmt::format("{}: {} samples were lost on the way", file_, block->missing_samples);
+      if (block->missing_samples != 0 && failure_.empty())
+        failure_ = fmt::format("{}: {} samples were lost on the way", file_, block->missing_samples);
       if (!wav) {
-        auto created = sinks::WavWriter::create(file_, static_cast<int>(block->rate_hz), static_cast<int>(block->channels), sinks::WavFormat::kFloat32);
+        auto created = sinks::WavWriter::create(file_, static_cast<int>(block->rate_hz), static_cast<int>(block->channels),
+                                                sinks::WavFormat::kFloat32);
         if (!created) {
           failure_ = created.error();
           break;
@@ -176,7 +196,8 @@ double median(std::vector<double> values) {
 
 int run(const ReplayArguments& arguments) {
   if (!std::filesystem::exists(arguments.capture)) {
-    return complain(fmt::format("{}: there is no such file; make a capture with `rustle import`", arguments.capture), kWrongUsage);
+    return complain(fmt::format("{}: there is no such file; make a capture with `rustle import`", arguments.capture),
+                    kWrongUsage);
   }
   auto selection = read_selection(arguments);
   if (!selection) return complain(selection.error(), kFailed);
@@ -185,7 +206,9 @@ int run(const ReplayArguments& arguments) {
   auto connection = client::Connection::connect({arguments.control, {}, {}});
   if (!connection) return complain(client::to_string(connection.error()) + " Start one with `rustled`.", kFailed);
   auto session = client::Session::attach(*connection, attach_options(arguments, *selection));
-  if (!session) return complain(client::to_string(session.error()), session.error().code_name == "unknown_material" ? kWrongUsage : kFailed);
+  if (!session)
+    return complain(client::to_string(session.error()),
+                    session.error().code_name == "unknown_material" ? kWrongUsage : kFailed);
   std::optional<WavReturn> wav;
   if (!arguments.wav.empty()) {
     auto reader = session->listen();
@@ -193,8 +216,7 @@ int run(const ReplayArguments& arguments) {
     wav.emplace(std::move(*reader), arguments.wav);
   }
 
-  std::signal(SIGINT, [](int) { g_interrupted = 1; });
-  std::signal(SIGTERM, [](int) { g_interrupted = 1; });
+  catch_interrupts();
   const SteadyTime start = std::chrono::steady_clock::now() + std::chrono::milliseconds(20);
   std::vector<double> late_s;
   std::uint64_t frames = 0;
@@ -202,13 +224,14 @@ int run(const ReplayArguments& arguments) {
   std::map<std::string, std::pair<std::uint64_t, std::string>> complaints;
   std::string failure;
   Progress progress("replaying " + session->id());
-  for (int loop = 0; (arguments.loops == 0 || loop < arguments.loops) && g_interrupted == 0 && failure.empty(); ++loop) {
+  for (int loop = 0; (arguments.loops == 0 || loop < arguments.loops) && !interrupted() && failure.empty(); ++loop) {
     const bool last_loop = arguments.loops != 0 && loop + 1 == arguments.loops;
-    bool first_frame = true;
+    std::set<std::uint32_t> begun;  // sheets that have shown a frame in this loop
     std::size_t sent_messages = 0;
     for (const auto& message : selection->messages) {
-      if (g_interrupted != 0) break;
+      if (interrupted()) break;
       if (message.body == Body::kEnd && !(last_loop && !arguments.to_s)) continue;
+      if (loop > 0 && message.time_s && *message.time_s < selection->first_frame_s) continue;  // the scene as it was already
       const bool frame = message.body == Body::kFrame;
       if (live && message.due_s >= 0 && message.body != Body::kSheet && message.body != Body::kTopology) {
         const double due_s = (message.due_s + loop * selection->length_s) / arguments.speed;
@@ -219,7 +242,8 @@ int run(const ReplayArguments& arguments) {
       const std::string* bytes = &message.bytes;
       std::string moved;
       if (loop > 0) {
-        moved = capture::retimed(message.bytes, loop * selection->length_s, frame && first_frame);
+        moved = capture::retimed(message.bytes, loop * selection->length_s,
+                                 frame && message.sheet && begun.insert(*message.sheet).second);
         bytes = &moved;
       }
       auto sent = session->raw(std::as_bytes(std::span(*bytes)));
@@ -228,10 +252,7 @@ int run(const ReplayArguments& arguments) {
         break;
       }
       ended |= message.body == Body::kEnd;
-      if (frame) {
-        ++frames;
-        first_frame = false;
-      }
+      if (frame) ++frames;
       progress.show(static_cast<double>(++sent_messages) / static_cast<double>(selection->messages.size()));
     }
   }
@@ -254,7 +275,10 @@ int run(const ReplayArguments& arguments) {
   auto statistics = session->detach(false);
   if (!failure.empty()) return complain(failure, kFailed);
   if (arguments.json) {
-    nlohmann::ordered_json figures{{"session", session->id()}, {"frames", frames}, {"dropped_here", session->dropped_messages()}, {"median_timing_error_s", median(late_s)}};
+    nlohmann::ordered_json figures{{"session", session->id()},
+                                   {"frames", frames},
+                                   {"dropped_here", session->dropped_messages()},
+                                   {"median_timing_error_s", median(late_s)}};
     if (statistics) {
       figures["frames_received"] = statistics->frames_received;
       figures["frames_analysed"] = statistics->frames_analysed;
@@ -267,12 +291,13 @@ int run(const ReplayArguments& arguments) {
     fmt::print("{}: {} frames sent", session->id(), frames);
     if (live) fmt::print(", median timing error {:.2f} ms", 1e3 * median(late_s));
     if (statistics) {
-      fmt::print("; {} analysed, {} crumpling events, {} friction episodes", statistics->frames_analysed, statistics->crumpling_events,
-                 statistics->friction_episodes);
+      fmt::print("; {} analysed, {} crumpling events, {} friction episodes", statistics->frames_analysed,
+                 statistics->crumpling_events, statistics->friction_episodes);
     }
     fmt::print("\n");
   }
-  for (const auto& [code, complaint] : complaints) warn(fmt::format("{} refused {} times, first {}", code, complaint.first, complaint.second));
+  for (const auto& [code, complaint] : complaints)
+    warn(fmt::format("{} refused {} times, first {}", code, complaint.first, complaint.second));
   if (!selection->damage.empty()) warn(fmt::format("{}: {}", arguments.capture, selection->damage));
   return complaints.empty() && selection->damage.empty() ? kDone : kFailed;
 }
@@ -282,13 +307,20 @@ int run(const ReplayArguments& arguments) {
 void add_replay(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<ReplayArguments>();
   auto* command = app.add_subcommand("replay", "Stream a capture to a daemon as its simulator did");
-  command->footer("Example: rustle replay crumple.mcap --clock live --loop 0\n"
-                  "--clock live sends at the recorded times; --clock simulation as fast as the daemon takes it, and what comes back\n"
-                  "(--wav) is what `rustle render` gives, sample for sample.");
+  command->footer(
+      "Example: rustle replay crumple.mcap --clock live --loop 0\n"
+      "--clock live sends at the recorded times; --clock simulation as fast as the daemon takes it, and what comes back\n"
+      "(--wav) is what `rustle render` gives, sample for sample.");
   command->add_option("CAPTURE", arguments->capture, "The capture (.mcap)")->required();
-  command->add_option("--clock", arguments->clock, "Whose clock paces the session")->check(CLI::IsMember({"live", "simulation"}))->capture_default_str();
-  command->add_option("--speed", arguments->speed, "Times as fast as recorded (live)")->check(CLI::Range(0.01, 100.0))->capture_default_str();
-  command->add_option("--loop", arguments->loops, "How many times; 0 until interrupted")->check(CLI::Range(0, 1000000))->capture_default_str();
+  command->add_option("--clock", arguments->clock, "Whose clock paces the session")
+      ->check(CLI::IsMember({"live", "simulation"}))
+      ->capture_default_str();
+  command->add_option("--speed", arguments->speed, "Times as fast as recorded (live)")
+      ->check(CLI::Range(0.01, 100.0))
+      ->capture_default_str();
+  command->add_option("--loop", arguments->loops, "How many times; 0 until interrupted")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
   command->add_option("--from", arguments->from_s, "Simulation time to begin at, in s");
   command->add_option("--to", arguments->to_s, "Simulation time to stop at, in s");
   command->add_option("--material", arguments->material, "Material of sheets that name none");

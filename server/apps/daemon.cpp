@@ -18,6 +18,8 @@ constexpr std::uint64_t kWindowBytes = std::uint64_t{64} << 20;
 constexpr milliseconds kAnnouncementGrace{1200};  // publishers announce themselves every second
 constexpr std::size_t kStrangerMessages = 64;
 constexpr milliseconds kNoticeInterval{500};
+constexpr milliseconds kCreditInterval{500};  // repeated, for a listener that was away when it was sent
+constexpr int kBlocksAtATime = 256;
 constexpr seconds kFinishedKept{30};
 constexpr seconds kIdleKept{300};
 constexpr double kRestart_s = 0.5;  // a publisher whose time goes back by more has started again
@@ -32,6 +34,8 @@ wire::ErrorCode code_of(engine::Refusal::Cause cause) {
       return wire::ErrorCode::kTimeOrder;
     case engine::Refusal::Cause::kTooMany:
       return wire::ErrorCode::kTooLarge;
+    case engine::Refusal::Cause::kFailed:
+      return wire::ErrorCode::kOverloaded;
     case engine::Refusal::Cause::kScene:
       break;
   }
@@ -39,8 +43,13 @@ wire::ErrorCode code_of(engine::Refusal::Cause cause) {
 }
 
 wire::Error unknown_session(const std::string& id) {
-  return {wire::ErrorCode::kUnknownSession, "session_id", fmt::format("There is no session \"{}\".", id),
-          "Attach first; a session ends when its client detaches.", 0, std::nullopt, {}};
+  return {wire::ErrorCode::kUnknownSession,
+          "session_id",
+          fmt::format("There is no session \"{}\".", id),
+          "Attach first; a session ends when its client detaches.",
+          0,
+          std::nullopt,
+          {}};
 }
 
 wire::Error unsupported(std::string message, std::string remedy) {
@@ -54,11 +63,17 @@ Daemon::Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs)
 
 Daemon::~Daemon() = default;
 
-tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs) {
+tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions options,
+                                                                std::shared_ptr<pack::PackLibrary> packs) {
   std::unique_ptr<Daemon> daemon(new Daemon(std::move(options), std::move(packs)));
   auto sockets = wire::Sockets::open(daemon->options_.sockets);
   if (!sockets) return tl::unexpected(sockets.error());
   daemon->sockets_ = std::move(*sockets);
+  // Loaded before anyone waits for them: the network thread reads no file.
+  for (const auto& entry : daemon->packs_->entries()) {
+    auto pack = daemon->packs_->load(entry.material, entry.touched_surface, daemon->options_.rate_hz);
+    if (pack) daemon->held_packs_.emplace(entry.folder, std::move(*pack));
+  }
   daemon->scheduler_ = std::make_unique<session::Scheduler>(daemon->options_.analysis_workers, daemon->clock_,
                                                             [sockets = daemon->sockets_.get()] { sockets->wake(); });
   return daemon;
@@ -73,6 +88,9 @@ void Daemon::run(const std::atomic<bool>& stop) {
     for (auto& [id, guest] : guests_) serve(id, *guest);
     let_go();
   }
+  for (auto& [id, guest] : guests_) {
+    if (!guest->finished) publish_end(*guest);
+  }
   scheduler_.reset();
 }
 
@@ -82,7 +100,8 @@ void Daemon::handle(wire::ControlRequestReceived& event) {
   const auto request = wire::decode_control(event.bytes.bytes());
   const std::uint64_t id = request ? request->request_id : request.error().request_id;
   const wire::ControlReply reply = request ? answer(*request) : wire::ControlReply(request.error().error);
-  if (const auto* error = std::get_if<wire::Error>(&reply)) spdlog::warn("control request refused: {}", wire::to_string(*error));
+  if (const auto* error = std::get_if<wire::Error>(&reply))
+    spdlog::warn("control request refused: {}", wire::to_string(*error));
   sockets_->send_control(event.peer, wire::encode_reply(id, reply));
 }
 
@@ -97,7 +116,8 @@ wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
     wire::SessionList list;
     for (const auto& [id, guest] : guests_) {
       list.sessions.push_back({id, guest->name, guest->session->options().clock,
-                               static_cast<std::uint32_t>(guest->decoder.sheet_count()), guest->session->counters().newest_time_s});
+                               static_cast<std::uint32_t>(guest->decoder.sheet_count()),
+                               guest->session->counters().newest_time_s});
     }
     return list;
   }
@@ -108,7 +128,10 @@ wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
     asked->session->end();
     scheduler_->wake_analysis(asked->session);
     asked->detached = true;
-    if (body->discard) asked->finished = true;
+    if (body->discard && !asked->finished) {
+      asked->finished = true;
+      publish_end(*asked);
+    }
     return wire::Detached{statistics(*asked)};
   }
   return unsupported("This daemon does not do that while a session sounds.", "Detach, and attach again with other options.");
@@ -117,29 +140,48 @@ wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
 wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body) {
   std::string id = request.session_id;
   if (id.empty()) {
-    const std::string stem = wire::valid_session_id(body.name) ? body.name : "session";
+    const std::string stem = wire::valid_session_id(body.name) ? body.name.substr(0, 64) : "session";
     id = stem;
     while (guests_.contains(id)) id = fmt::format("{}-{}", stem, ++next_name_);
   } else if (guests_.contains(id)) {
-    return wire::Error{wire::ErrorCode::kSessionExists, "session_id", fmt::format("There already is a session \"{}\".", id),
-                       "Detach it, choose another id, or leave the id empty to be given one.", 0, std::nullopt, {}};
+    return wire::Error{wire::ErrorCode::kSessionExists,
+                       "session_id",
+                       fmt::format("There already is a session \"{}\".", id),
+                       "Detach it, choose another id, or leave the id empty to be given one.",
+                       0,
+                       std::nullopt,
+                       {}};
   } else if (!wire::valid_session_id(id)) {
-    return wire::Error{wire::ErrorCode::kMalformed, "session_id", "This is no session id.",
-                       "Use 1 to 128 characters without slashes and control characters.", 0, std::nullopt, {}};
+    return wire::Error{wire::ErrorCode::kMalformed,
+                       "session_id",
+                       "This is no session id.",
+                       "Use 1 to 128 characters without slashes and control characters.",
+                       0,
+                       std::nullopt,
+                       {}};
   }
   if (guests_.size() >= options_.max_sessions) {
-    return wire::Error{wire::ErrorCode::kQuotaExceeded, "sessions", "The daemon carries as many sessions as it may.",
-                       "Detach a session, or start rustled with a higher --max-sessions.", 0,
-                       wire::Quota{"sessions", static_cast<double>(options_.max_sessions), static_cast<double>(guests_.size() + 1)}, {}};
+    return wire::Error{
+        wire::ErrorCode::kQuotaExceeded,
+        "sessions",
+        "The daemon carries as many sessions as it may.",
+        "Detach a session, or start rustled with a higher --max-sessions.",
+        0,
+        wire::Quota{"sessions", static_cast<double>(options_.max_sessions), static_cast<double>(guests_.size() + 1)},
+        {}};
   }
   if (body.options.channels == session::ChannelLayout::kBinaural) {
     return unsupported("Binaural sound is not rendered by this version.", "Ask for stereo.");
+  }
+  if (body.options.record) {
+    return unsupported("Sessions are not recorded by this version.", "Attach without it, and keep what you send.");
   }
   if (auto wrong = check_material(body.options.default_material, {}, "attach.options.default_material")) return *wrong;
   for (std::size_t k = 0; k < body.sheets.size(); ++k) {
     const auto& sheet = body.sheets[k];
     if (sheet.material.empty()) continue;
-    if (auto wrong = check_material(sheet.material, sheet.touched_surface, fmt::format("attach.sheets[{}].material", k))) return *wrong;
+    if (auto wrong = check_material(sheet.material, sheet.touched_surface, fmt::format("attach.sheets[{}].material", k)))
+      return *wrong;
   }
   session::SessionOptions options = body.options;
   if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
@@ -160,24 +202,28 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
   return attached;
 }
 
-std::optional<wire::Error> Daemon::check_material(const std::string& material, const std::string& surface, std::string field) const {
+std::optional<wire::Error> Daemon::check_material(const std::string& material, const std::string& surface,
+                                                  std::string field) const {
   auto found = packs_->find(material.empty() ? "printer-paper" : material, surface);
   if (found) return std::nullopt;
-  return wire::Error{wire::ErrorCode::kUnknownMaterial, std::move(field), found.error().message, found.error().remedy, 0, std::nullopt, {}};
+  return wire::Error{
+      wire::ErrorCode::kUnknownMaterial, std::move(field), found.error().message, found.error().remedy, 0, std::nullopt, {}};
 }
 
 wire::ControlReply Daemon::pack_list() const {
   wire::PackList list;
   for (const auto& entry : packs_->entries()) {
     wire::PackInfo info{entry.name, entry.material, entry.touched_surface, entry.version, entry.licence, 0, 0, 0, {}};
-    if (auto pack = packs_->load(entry.material, entry.touched_surface, options_.rate_hz)) {
-      info.rate_hz = (*pack)->stored_rate_hz;
-      if ((*pack)->crumpling) {
-        info.units = static_cast<std::uint32_t>((*pack)->crumpling->units.size());
+    const auto held = held_packs_.find(entry.folder);
+    if (held != held_packs_.end()) {
+      const pack::SoundPack& pack = *held->second;
+      info.rate_hz = pack.stored_rate_hz;
+      if (pack.crumpling) {
+        info.units = static_cast<std::uint32_t>(pack.crumpling->units.size());
         info.models.push_back("crumpling");
       }
-      if ((*pack)->friction) {
-        info.spectra = static_cast<std::uint32_t>((*pack)->friction->spectra.size());
+      if (pack.friction) {
+        info.spectra = static_cast<std::uint32_t>(pack.friction->spectra.size());
         info.models.push_back("friction");
       }
     }
@@ -200,7 +246,8 @@ Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::S
     handle(known);
   }
   spdlog::info("session {} {}: {} clock, {} Hz, {} channels", id, attached ? "attached" : "announced itself",
-               options.clock == session::Clock::kLive ? "live" : "simulation", options.rate_hz, session::channel_count(options.channels));
+               options.clock == session::Clock::kLive ? "live" : "simulation", options.rate_hz,
+               session::channel_count(options.channels));
   return *place;
 }
 
@@ -220,9 +267,13 @@ void Daemon::handle(wire::StreamReceived& event) {
     return;
   }
   if (Guest* known = guest(envelope->session_id())) {
-    const bool restarted = !known->attached && envelope->time_s() && envelope->body() == wire::StreamEnvelope::Body::kFrame &&
-                           *envelope->time_s() < known->newest_frame_s - kRestart_s;
-    if (!restarted && !(known->finished && !known->attached)) {
+    using Body = wire::StreamEnvelope::Body;
+    const bool frame = envelope->body() == Body::kFrame && envelope->time_s() && envelope->sheet_id();
+    const auto newest = frame ? known->newest_frame_s.find(*envelope->sheet_id()) : known->newest_frame_s.end();
+    const bool restarted =
+        !known->attached && newest != known->newest_frame_s.end() && *envelope->time_s() < newest->second - kRestart_s;
+    const bool again = known->finished && !known->attached && (envelope->body() == Body::kAnnouncement || frame);
+    if (!restarted && !again) {
       take(*known, *envelope);
       return;
     }
@@ -255,8 +306,8 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
     announcement = std::move(*read);
   } else if (now - stranger->second.since < kAnnouncementGrace) {
     using Body = wire::StreamEnvelope::Body;
-    const bool describes = envelope.body() == Body::kSheet || envelope.body() == Body::kTopology || envelope.body() == Body::kScene ||
-                           envelope.body() == Body::kListener;
+    const bool describes = envelope.body() == Body::kSheet || envelope.body() == Body::kTopology ||
+                           envelope.body() == Body::kScene || envelope.body() == Body::kListener;
     if (describes && stranger->second.said.size() < kStrangerMessages) stranger->second.said.push_back(std::move(envelope));
     return nullptr;
   } else if (stranger->second.said.empty() && envelope.body() != wire::StreamEnvelope::Body::kSheet) {
@@ -294,14 +345,20 @@ void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
     if (is_frame) sender.session->count_drop(std::string(wire::code_name(decoded.error().code)));
     notify(sender, decoded.error());
   } else if (decoded->item) {
-    if (is_frame) sender.newest_frame_s = std::max(sender.newest_frame_s, envelope.time_s().value_or(-1e300));
+    if (is_frame && envelope.sheet_id() && envelope.time_s())
+      sender.newest_frame_s[*envelope.sheet_id()] = *envelope.time_s();
     if (sender.session->offer(std::move(*decoded->item), sequence)) {
       if (sequence != 0) sender.offered = sequence;
       scheduler_->wake_analysis(sender.session);
     } else {
       ++sender.refused;
-      notify(sender, {wire::ErrorCode::kOverloaded, "stream", "The session's inbox is full or the session has ended.",
-                      "Wait for credit before sending on, as the SDKs do.", sequence, std::nullopt, {}});
+      notify(sender, {wire::ErrorCode::kOverloaded,
+                      "stream",
+                      "The session's inbox is full or the session has ended.",
+                      "Wait for credit before sending on, as the SDKs do.",
+                      sequence,
+                      std::nullopt,
+                      {}});
     }
   }
 }
@@ -318,13 +375,18 @@ void Daemon::handle(wire::SubscriptionChanged& event) {
     return;
   }
   if (topic->content != wire::PcmContent::kMix || topic->format == wire::PcmFormat::kOpus) {
-    publish_notice(topic->session_id,
-                   {wire::NoticeLevel::kError, "unsupported", "topic", fmt::format("\"{}\" is not streamed by this version.", event.topic),
-                    "Subscribe to the mix as f32 or s16.", 0, 1},
-                   ++heard->out_sequence[wire::notices_topic(topic->session_id)]);
+    publish_notice(
+        topic->session_id,
+        {wire::NoticeLevel::kError, "unsupported", "topic",
+         fmt::format("\"{}\" is not streamed by this version.", event.topic), "Subscribe to the mix as f32 or s16.", 0, 1},
+        ++heard->out_sequence[wire::notices_topic(topic->session_id)]);
     return;
   }
-  heard->pcm.try_emplace(event.topic, PcmOut{*topic, {}, 0, 0});
+  const auto [out, fresh] = heard->pcm.try_emplace(event.topic, PcmOut{*topic, {}, 0, 0});
+  if (fresh && heard->finished) {
+    sockets_->publish(event.topic,
+                      wire::encode_end({topic->session_id, ++out->second.sequence}, heard->session->samples_rendered()));
+  }
 }
 
 void Daemon::serve(const std::string& id, Guest& served) {
@@ -332,35 +394,53 @@ void Daemon::serve(const std::string& id, Guest& served) {
     if (auto* observed = std::get_if<observation::Observation>(&outcome)) {
       const std::string topic = wire::observations_topic(id);
       if (sockets_->has_listener(topic)) {
-        sockets_->publish(topic, wire::encode_observation({id, ++served.out_sequence[topic]}, *observed, served.session->options().up_axis));
+        sockets_->publish(topic, wire::encode_observation({id, ++served.out_sequence[topic]}, *observed,
+                                                          served.session->options().up_axis));
       }
     } else if (auto* refused = std::get_if<session::Refused>(&outcome)) {
       ++served.refused;
-      notify(served, {code_of(refused->why.cause), refused->why.field, refused->why.message, refused->why.remedy, refused->sequence,
-                      std::nullopt, {}});
+      notify(served, {code_of(refused->why.cause),
+                      refused->why.field,
+                      refused->why.message,
+                      refused->why.remedy,
+                      refused->sequence,
+                      std::nullopt,
+                      {}});
     } else if (auto* analysed = std::get_if<session::Analysed>(&outcome)) {
       served.analysed = std::max(served.analysed, analysed->sequence);
     }
   }
   acknowledge(served);
-  while (served.session->take_audio(served.session->options().block_size, block_)) publish_pcm(served, block_);
+  int blocks = 0;
+  while (blocks < kBlocksAtATime && served.session->take_audio(served.session->options().block_size, block_)) {
+    publish_pcm(served, block_);
+    ++blocks;
+  }
+  if (blocks == kBlocksAtATime) sockets_->wake();  // more waits; the others first
   if (served.session->finished() && !served.finished) {
     served.finished = true;
     served.finished_at = std::chrono::steady_clock::now();
-    for (auto& [topic, out] : served.pcm) {
-      sockets_->publish(topic, wire::encode_end({id, ++out.sequence}, served.session->samples_rendered()));
-    }
+    publish_end(served);
     const auto counters = served.session->counters();
     spdlog::info("session {} ended: {} frames, {} crumpling events, {} friction episodes", id, counters.frames_analysed,
                  counters.crumpling_events, counters.friction_episodes);
   }
 }
 
+void Daemon::publish_end(Guest& sender) {
+  for (auto& [topic, out] : sender.pcm) {
+    sockets_->publish(topic, wire::encode_end({sender.session->id(), ++out.sequence}, sender.session->samples_rendered()));
+  }
+}
+
 void Daemon::acknowledge(Guest& sender) {
   if (sender.session->options().clock != session::Clock::kSimulation) return;
-  const std::uint64_t acknowledged = sender.analysed >= sender.offered ? sender.last_sequence : sender.analysed;
-  if (acknowledged <= sender.acknowledged) return;
+  const std::uint64_t acknowledged =
+      std::max(sender.acknowledged, sender.analysed >= sender.offered ? sender.last_sequence : sender.analysed);
+  const auto now = std::chrono::steady_clock::now();
+  if (acknowledged == 0 || (acknowledged == sender.acknowledged && now - sender.credited_at < kCreditInterval)) return;
   sender.acknowledged = acknowledged;
+  sender.credited_at = now;
   const std::string topic = wire::acknowledgements_topic(sender.session->id());
   sockets_->publish(topic, wire::encode_credit({sender.session->id(), ++sender.out_sequence[topic]},
                                                {acknowledged, kWindowMessages, kWindowBytes}));
@@ -386,7 +466,8 @@ void Daemon::flush_pcm(Guest& sender, PcmOut& out, bool all) {
   header.format = out.topic.format;
   header.time_s = sender.session->time_of(out.first_sample);
   header.content = wire::MixContent{};
-  sockets_->publish(wire::to_string(out.topic), wire::encode_pcm({sender.session->id(), ++out.sequence}, header, out.waiting));
+  sockets_->publish(wire::to_string(out.topic),
+                    wire::encode_pcm({sender.session->id(), ++out.sequence}, header, out.waiting));
   out.waiting.clear();
 }
 
@@ -396,7 +477,8 @@ void Daemon::notify(Guest& sender, const wire::Error& error) {
   const auto now = std::chrono::steady_clock::now();
   if (now - tally.last_sent < kNoticeInterval) return;
   const std::string& id = sender.session->id();
-  spdlog::warn("session {}: {}{}", id, wire::to_string(error), tally.unsent > 1 ? fmt::format(" ({} times)", tally.unsent) : "");
+  spdlog::warn("session {}: {}{}", id, wire::to_string(error),
+               tally.unsent > 1 ? fmt::format(" ({} times)", tally.unsent) : "");
   publish_notice(id, wire::notice_of(error, tally.unsent), ++sender.out_sequence[wire::notices_topic(id)]);
   tally = {now, 0};
 }

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <optional>
@@ -32,7 +33,8 @@ struct DaemonOptions {
 class Daemon {
  public:
   /// Error: a sentence that names the endpoint or flag and what to do.
-  static tl::expected<std::unique_ptr<Daemon>, std::string> open(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs);
+  static tl::expected<std::unique_ptr<Daemon>, std::string> open(DaemonOptions options,
+                                                                 std::shared_ptr<pack::PackLibrary> packs);
   ~Daemon();
 
   const wire::Sockets& sockets() const { return *sockets_; }
@@ -65,11 +67,11 @@ class Daemon {
     bool detached = false;
     std::uint64_t last_sequence = 0, sequence_gaps = 0, messages = 0, refused = 0;
     std::uint64_t offered = 0, analysed = 0, acknowledged = 0;  ///< stream sequences
-    double newest_frame_s = -1e300;
+    std::map<std::uint32_t, double> newest_frame_s;             ///< by sheet
     std::map<std::string, PcmOut> pcm;                          ///< by topic
     std::map<std::string, std::uint64_t> out_sequence;          ///< by topic, of what is not PCM
     std::map<std::string, NoticeTally> notices;                 ///< by code
-    Instant last_heard{}, finished_at{};
+    Instant last_heard{}, finished_at{}, credited_at{};
     bool finished = false;
   };
   /// A publisher that has not announced itself: what it said so far, in case it never does.
@@ -87,7 +89,8 @@ class Daemon {
   wire::ControlReply answer(const wire::ControlRequest& request);
   wire::ControlReply attach(const wire::ControlRequest& request, const wire::AttachRequest& body);
   wire::ControlReply pack_list() const;
-  std::optional<wire::Error> check_material(const std::string& material, const std::string& surface, std::string field) const;
+  std::optional<wire::Error> check_material(const std::string& material, const std::string& surface,
+                                            std::string field) const;
 
   Guest& admit(const std::string& id, std::string name, session::SessionOptions options, bool attached);
   Guest* guest(const std::string& id);
@@ -99,12 +102,14 @@ class Daemon {
   void flush_pcm(Guest& guest, PcmOut& out, bool all);
   void notify(Guest& guest, const wire::Error& error);
   void publish_notice(const std::string& session_id, const wire::Notice& notice, std::uint64_t sequence);
+  void publish_end(Guest& guest);
   void acknowledge(Guest& guest);
   void let_go();
   wire::Statistics statistics(const Guest& guest) const;
 
   const DaemonOptions options_;
   const std::shared_ptr<pack::PackLibrary> packs_;
+  std::map<std::filesystem::path, std::shared_ptr<const pack::SoundPack>> held_packs_;  ///< at the daemon's rate
   session::SteadyClock clock_;
   std::unique_ptr<wire::Sockets> sockets_;
   std::map<std::string, std::unique_ptr<Guest>> guests_;

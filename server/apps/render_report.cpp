@@ -22,10 +22,9 @@ report::EventKind kind_of(sinks::LoggedEvent::Kind kind) {
 
 }  // namespace
 
-void RenderFacts::see(const engine::StreamItem& item, std::vector<sheet::SheetId>& order) {
+void RenderFacts::see(const engine::StreamItem& item) {
   if (const auto* described = std::get_if<engine::SheetDescription>(&item)) {
     auto& sheet = sheets[described->id];
-    if (std::find(order.begin(), order.end(), described->id) == order.end()) order.push_back(described->id);
     sheet.id = described->id;
     sheet.name = described->name;
     sheet.kind = described->kind == engine::SheetKind::kCloth ? "cloth" : "paper";
@@ -77,7 +76,8 @@ tl::expected<void, std::string> write_render_report(const std::filesystem::path&
   page.seed = options.seed;
   page.mode = options.mode == engine::Mode::kPublished ? "published" : "corrected";
   page.render_s = facts.render_s;
-  page.sound = {interleaved, engine::channels_of(options.layout), static_cast<double>(options.rate_hz), options.time_origin_s};
+  page.sound = {interleaved, engine::channels_of(options.layout), static_cast<double>(options.rate_hz),
+                options.time_origin_s};
   page.limited_samples = facts.limited_samples;
   page.limit_db = synthesis::kLimiterKnee_db;
   page.events = marks_of(events);

@@ -27,16 +27,18 @@ struct RenderFacts {
   std::vector<std::string> notices;
   std::map<sheet::SheetId, report::ReportSheet> sheets;
 
-  /// Notes what an item says of the sheets; `order` gets each sheet when it is first described.
-  void see(const engine::StreamItem& item, std::vector<sheet::SheetId>& order);
+  /// Notes what an item says of the sheets.
+  void see(const engine::StreamItem& item);
 };
 
 /// The event list as the pictures take it.
 std::vector<report::EventMark> marks_of(const std::vector<sinks::LoggedEvent>& events);
 
 /// Error: a sentence with the file name and what to do.
-[[nodiscard]] tl::expected<void, std::string> write_render_report(const std::filesystem::path& file, const RenderFacts& facts,
+[[nodiscard]] tl::expected<void, std::string> write_render_report(const std::filesystem::path& file,
+                                                                  const RenderFacts& facts,
                                                                   const std::vector<sinks::LoggedEvent>& events,
-                                                                  const std::vector<float>& interleaved, pack::PackLibrary& packs);
+                                                                  const std::vector<float>& interleaved,
+                                                                  pack::PackLibrary& packs);
 
 }  // namespace rustle::apps

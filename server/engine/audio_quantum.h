@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "server/sheet/mesh_frame.h"
 #include "server/synthesis/cue.h"
 
 namespace rustle::engine {
@@ -13,8 +14,9 @@ namespace rustle::engine {
 struct AudioQuantum {
   synthesis::SampleTime first_sample = 0;
   int channels = 0;
-  std::vector<float> mix;                 ///< [kQuantum x channels], interleaved
-  std::vector<std::vector<float>> stems;  ///< per bus, [kQuantum x channels] interleaved; empty unless asked for
+  std::vector<float> mix;                  ///< [kQuantum x channels], interleaved
+  std::span<const sheet::SheetId> sheets;  ///< in the order of the buses; good until the next batch is accepted
+  std::vector<std::vector<float>> stems;   ///< per bus, [kQuantum x channels] interleaved; empty unless asked for
 };
 
 }  // namespace rustle::engine

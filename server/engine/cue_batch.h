@@ -1,7 +1,9 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
+#include "server/sheet/mesh_frame.h"
 #include "server/synthesis/cue.h"
 
 namespace rustle::engine {
@@ -11,7 +13,8 @@ namespace rustle::engine {
 struct CueBatch {
   std::vector<synthesis::Cue> cues;
   synthesis::SampleTime horizon = 0;
-  bool end = false;  ///< nothing follows: after the horizon only tails sound
+  std::optional<sheet::SheetId> new_sheet;  ///< accepted with this item: the next one among the buses
+  bool end = false;                         ///< nothing follows: after the horizon only tails sound
 };
 
 }  // namespace rustle::engine

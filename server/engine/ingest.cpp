@@ -46,7 +46,8 @@ void shift_times(observation::Observation& observed, double by_s) {
 }  // namespace
 
 struct Ingest::SheetState {
-  SheetState(const SheetDescription& described, int place) : description(described), index(place), analyzer(described.id, analysis::Parameters{}) {}
+  SheetState(const SheetDescription& described, int place)
+      : description(described), index(place), analyzer(described.id, analysis::Parameters{}) {}
 
   SheetDescription description;
   int index;
@@ -96,10 +97,14 @@ Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch)
   const auto rate = static_cast<std::uint32_t>(options_.rate_hz);
   auto pack = packs_->load(material, surface, rate);
   if (!pack) {
-    return tl::unexpected(Refusal{Refusal::Cause::kUnknownMaterial, "sheet.material", pack.error().message, pack.error().remedy});
+    return tl::unexpected(
+        Refusal{Refusal::Cause::kUnknownMaterial, "sheet.material", pack.error().message, pack.error().remedy});
   }
   auto& state = sheets_[description.id];
-  if (!known) state = std::make_unique<SheetState>(description, static_cast<int>(sheets_.size()) - 1);
+  if (!known) {
+    state = std::make_unique<SheetState>(description, static_cast<int>(sheets_.size()) - 1);
+    batch.new_sheet = description.id;
+  }
   state->description = description;
   state->description.touched_surface = surface;
   state->material = material;
@@ -116,17 +121,19 @@ Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch)
 Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
   const auto found = sheets_.find(sent.sheet);
   if (found == sheets_.end()) {
-    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "frame.sheet_id", fmt::format("Sheet {} was not accepted.", sent.sheet),
+    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "frame.sheet_id",
+                                  fmt::format("Sheet {} was not accepted.", sent.sheet),
                                   "Describe the sheet with a material that a sound pack has."});
   }
   SheetState& state = *found->second;
+  if (state.newest && sent.time_s <= state.newest->time_s) {
+    return tl::unexpected(Refusal{
+        Refusal::Cause::kTimeOrder, "frame.time_s",
+        fmt::format("Sheet {} has been at {} s already; {} s is not later.", sent.sheet, state.newest->time_s, sent.time_s),
+        "Send each sheet's frames in order of time."});
+  }
   sheet::MeshFrame frame = sent;
   if (frame.tear_tips.empty()) frame.tear_tips = std::exchange(state.tips, {});
-  if (state.newest && frame.time_s <= state.newest->time_s) {
-    return tl::unexpected(Refusal{Refusal::Cause::kTimeOrder, "frame.time_s",
-                                  fmt::format("Sheet {} has been at {} s already; {} s is not later.", frame.sheet, state.newest->time_s, frame.time_s),
-                                  "Send each sheet's frames in order of time."});
-  }
   sheets_centre_m_ = centroid_of(frame);
   if (!listener_) {
     place_default_listener(frame, batch);
@@ -158,7 +165,8 @@ Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
 Ingest::Taken Ingest::take(const TearTips& tips, CueBatch&) {
   const auto found = sheets_.find(tips.sheet);
   if (found == sheets_.end()) {
-    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "tear_tips.sheet_id", fmt::format("Sheet {} was not accepted.", tips.sheet),
+    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "tear_tips.sheet_id",
+                                  fmt::format("Sheet {} was not accepted.", tips.sheet),
                                   "Describe the sheet before its tear tips."});
   }
   found->second->tips = tips.tips;
@@ -205,7 +213,8 @@ void Ingest::place_default_listener(const sheet::MeshFrame& frame, CueBatch& bat
 void Ingest::plan_listener(const scene::Listener& listener, double time_s, CueBatch& batch) {
   sheet::Vec3d forward = listener.forward.value_or(sheets_centre_m_ - listener.position_m);
   if (forward.norm() < 1e-9) forward = sheet::Vec3d::UnitY();
-  planner_.listener({listener.position_m, sheet::Vec3d(forward.normalized()), listener.up}, on_sample_axis(time_s), earliest_, batch.cues);
+  planner_.listener({listener.position_m, sheet::Vec3d(forward.normalized()), listener.up}, on_sample_axis(time_s),
+                    earliest_, batch.cues);
 }
 
 // --------------------------------------------------------------------------------------------------------------- time
@@ -216,7 +225,6 @@ Ingest::Taken Ingest::take(const Advance& advance, CueBatch&) {
 }
 
 Ingest::Taken Ingest::take(const End& end, CueBatch& batch) {
-  ended_ = true;
   advanced_s_ = std::max({advanced_s_, newest_s_, end.time_s.value_or(newest_s_)});
   for (const auto& [id, state] : sheets_) planner_.end_sheet(id, std::max(earliest_, sample_of(newest_s_)), batch.cues);
   planner_.release(std::numeric_limits<SampleTime>::max(), batch.cues);
@@ -227,7 +235,7 @@ Ingest::Taken Ingest::take(const End& end, CueBatch& batch) {
 void Ingest::fall_quiet(CueBatch& batch) {
   for (const auto& [id, state] : sheets_) {
     if (state->quiet) continue;
-    planner_.end_sheet(id, earliest_, batch.cues);
+    planner_.quieten(id, earliest_, batch.cues);
     state->quiet = true;
   }
   settle_horizon(batch);
@@ -240,7 +248,8 @@ void Ingest::settle_horizon(CueBatch& batch) {
   }
   double complete_s = std::numeric_limits<double>::infinity();
   for (const auto& [id, state] : sheets_) {
-    complete_s = std::min(complete_s, state->newest ? state->newest->time_s - options_.look_ahead_s : -std::numeric_limits<double>::infinity());
+    complete_s = std::min(complete_s, state->newest ? state->newest->time_s - options_.look_ahead_s
+                                                    : -std::numeric_limits<double>::infinity());
   }
   if (sheets_.empty()) complete_s = -std::numeric_limits<double>::infinity();
   complete_s = std::max(complete_s, advanced_s_);

@@ -21,7 +21,7 @@ namespace rustle::engine {
 
 /// Why an item was not taken. The session goes on without it.
 struct Refusal {
-  enum class Cause { kUnknownSheet, kUnknownMaterial, kTimeOrder, kTooMany, kScene };
+  enum class Cause { kUnknownSheet, kUnknownMaterial, kTimeOrder, kTooMany, kScene, kFailed };
   Cause cause;
   std::string field, message, remedy;
 };
@@ -38,14 +38,18 @@ class Ingest {
   ~Ingest();
 
   /// Takes the next item, appends its cues to `batch` and sets the batch's horizon. The observation is of a mesh frame.
-  [[nodiscard]] tl::expected<std::optional<observation::Observation>, Refusal> accept(const StreamItem& item, CueBatch& batch);
+  [[nodiscard]] tl::expected<std::optional<observation::Observation>, Refusal> accept(const StreamItem& item,
+                                                                                      CueBatch& batch);
 
   // ---- live sessions, whose sample axis follows the audio clock
 
   /// From now on simulation time `time_s` lies at `sample`.
   void place(double time_s, synthesis::SampleTime sample);
   /// Everything before `sample` has been rendered: what is planned from now on starts there or later.
-  void set_rendered(synthesis::SampleTime sample) { earliest_ = sample; live_ = true; }
+  void set_rendered(synthesis::SampleTime sample) {
+    earliest_ = sample;
+    live_ = true;
+  }
   /// Frames have stopped coming: contacts end instead of sounding on.
   void fall_quiet(CueBatch& batch);
 
@@ -86,7 +90,6 @@ class Ingest {
   synthesis::SampleTime horizon_ = 0;
   synthesis::SampleTime earliest_ = 0;
   bool live_ = false;
-  bool ended_ = false;
   double newest_s_;
   std::uint64_t next_event_id_ = 1;
 };

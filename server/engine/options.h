@@ -9,7 +9,9 @@ namespace rustle::engine {
 enum class Mode { kCorrected, kPublished };
 enum class Layout { kMono = 1, kStereo = 2 };
 
-constexpr int channels_of(Layout layout) { return static_cast<int>(layout); }
+constexpr int channels_of(Layout layout) {
+  return static_cast<int>(layout);
+}
 
 /// What a session's sound depends on besides its stream.
 struct Options {
@@ -17,7 +19,7 @@ struct Options {
   Mode mode = Mode::kCorrected;
   Layout layout = Layout::kStereo;
   int rate_hz = 48000;
-  double time_origin_s = 0;      ///< simulation time of sample 0
+  double time_origin_s = 0;  ///< simulation time of sample 0
   /// How far rendering stays behind the newest frame: an event is dated before the frame that confirms it, and what
   /// joins it follows within 50 ms (P2), so a sound can still start at its own sample and at its full level.
   double look_ahead_s = 0.05;
@@ -25,8 +27,8 @@ struct Options {
   std::string default_material = "printer-paper";
   std::string default_surface = "wooden-table";
   std::optional<std::string> every_material;  ///< plays every sheet with this material, whatever it says
-  int max_sheets = 16;
-  bool stems = false;            ///< keep every bus beside the mix
+  int max_sheets = 64;
+  bool stems = false;  ///< keep every bus beside the mix
 };
 
 }  // namespace rustle::engine

@@ -27,7 +27,9 @@ Render::Render(const Options& options)
       mixer_(render_options(options)),
       limiter_(options.rate_hz),
       buses_(mixer_.quantum_size()),
-      sum_(static_cast<std::size_t>(channels_) * kQuantum) {}
+      sum_(static_cast<std::size_t>(channels_) * kQuantum) {
+  sheets_.reserve(static_cast<std::size_t>(options.max_sheets));
+}
 
 AudioQuantum Render::make_quantum() const {
   AudioQuantum quantum;
@@ -39,6 +41,7 @@ AudioQuantum Render::make_quantum() const {
 
 void Render::accept(const CueBatch& batch) noexcept {
   for (const auto& cue : batch.cues) mixer_.apply(cue);
+  if (batch.new_sheet && sheets_.size() < sheets_.capacity()) sheets_.push_back(*batch.new_sheet);
   horizon_ = std::max(horizon_, batch.horizon);
   if (batch.end && !ending_) {
     ending_ = true;
@@ -81,6 +84,7 @@ void Render::next(AudioQuantum& out) noexcept {
     }
   }
   out.first_sample = position_;
+  out.sheets = sheets_;
   position_ += kQuantum;
 }
 

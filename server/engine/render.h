@@ -49,8 +49,9 @@ class Render {
   const float gain_;
   synthesis::Mixer mixer_;
   synthesis::Limiter limiter_;
-  std::vector<float> buses_;  ///< [bus][channel][kQuantum]
-  std::vector<float> sum_;    ///< [channel][kQuantum]
+  std::vector<sheet::SheetId> sheets_;  ///< by index among the buses
+  std::vector<float> buses_;            ///< [bus][channel][kQuantum]
+  std::vector<float> sum_;              ///< [channel][kQuantum]
   synthesis::SampleTime position_ = 0;
   synthesis::SampleTime horizon_ = 0;
   synthesis::SampleTime end_ = 0;

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <exception>
 #include <mutex>
 #include <thread>
 
@@ -83,7 +84,8 @@ class BatchQueue {
 };
 
 /// Renders what one batch allows. False: the sink wants no more.
-bool render_batch(engine::Render& render, const engine::CueBatch& batch, engine::AudioQuantum& quantum, const OfflineEnds& ends) {
+bool render_batch(engine::Render& render, const engine::CueBatch& batch, engine::AudioQuantum& quantum,
+                  const OfflineEnds& ends) {
   render.accept(batch);
   while (render.position() + synthesis::kQuantum <= render.horizon() || (render.ending() && !render.complete())) {
     render.next(quantum);
@@ -113,18 +115,33 @@ OfflineSummary render_offline(const engine::Options& options, std::shared_ptr<pa
     }
   } else {
     BatchQueue queue;
+    std::exception_ptr failure;
     std::thread ahead([&] {
-      for (bool more = true; more && !queue.abandoned();) {
-        auto batch = analysis.next();
-        more = batch.has_value();
-        queue.push(std::move(batch));
+      try {
+        for (bool more = true; more && !queue.abandoned();) {
+          auto batch = analysis.next();
+          more = batch.has_value();
+          queue.push(std::move(batch));
+        }
+      } catch (...) {
+        failure = std::current_exception();
+        queue.push(std::nullopt);
       }
     });
-    while (auto batch = queue.pop()) {
-      if (!timed_render(*batch)) break;
+    const auto stop = [&] {
+      queue.abandon();
+      ahead.join();
+    };
+    try {
+      while (auto batch = queue.pop()) {
+        if (!timed_render(*batch)) break;
+      }
+    } catch (...) {
+      stop();
+      throw;
     }
-    queue.abandon();
-    ahead.join();
+    stop();
+    if (failure) std::rethrow_exception(failure);
   }
   summary.samples = render.position();
   summary.limited_samples = render.limited_samples();

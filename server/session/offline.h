@@ -14,7 +14,8 @@
 namespace rustle::session {
 
 /// What an offline render reads from and hands to. Calls come from the thread that calls render_offline, except
-/// `observed` and `next`, which come from the analysis worker when there are two workers; never two at once of a kind.
+/// `next`, `observed` and `refused`, which come from the analysis worker when there are two workers; never two at once of a
+/// kind.
 struct OfflineEnds {
   /// The next stream item; nothing at the end.
   std::function<std::optional<engine::StreamItem>()> next;
@@ -29,8 +30,8 @@ struct OfflineSummary {
   std::uint64_t frames = 0;
   std::uint64_t refused = 0;
   std::uint64_t limited_samples = 0;
-  double analysis_s = 0;  ///< spent in analysis
-  double synthesis_s = 0; ///< spent in synthesis
+  double analysis_s = 0;   ///< spent in analysis
+  double synthesis_s = 0;  ///< spent in synthesis
 };
 
 /// Drives one engine from a source to a sink as fast as it goes, on the simulation clock. With two workers or more,

@@ -3,6 +3,12 @@
 #include <algorithm>
 
 namespace rustle::session {
+namespace {
+
+// Sessions out of step with each other are served together.
+constexpr std::chrono::milliseconds kLeastWait{1};
+
+}  // namespace
 
 Scheduler::Scheduler(int analysis_workers, const WallClock& clock, std::function<void()> audio_ready)
     : clock_(clock), audio_ready_(std::move(audio_ready)) {
@@ -94,7 +100,7 @@ void Scheduler::run_render() {
     lock.lock();
     if (stopping_ || render_again_) continue;
     if (next) {
-      render_wanted_.wait_for(lock, std::max(WallClock::Duration(0), *next - clock_.now()));
+      render_wanted_.wait_for(lock, std::max<WallClock::Duration>(kLeastWait, *next - clock_.now()));
     } else {
       render_wanted_.wait(lock, [this] { return stopping_ || render_again_; });
     }

@@ -26,7 +26,8 @@ Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::P
       origin_s_(options_.time_origin_s),
       render_(engine_options(options_)),
       quantum_(render_.make_quantum()),
-      audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) * static_cast<std::size_t>(channel_count(options_.channels))) {}
+      audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) *
+             static_cast<std::size_t>(channel_count(options_.channels))) {}
 
 bool Session::offer(engine::StreamItem item, std::uint64_t sequence) {
   const bool is_frame = std::holds_alternative<sheet::MeshFrame>(item);
@@ -38,7 +39,7 @@ bool Session::offer(engine::StreamItem item, std::uint64_t sequence) {
     if (is_frame) ++counters_.frames_dropped["ended"];
     return false;
   }
-  if (inbox_.size() >= kInboxLimit) {
+  if (inbox_.size() >= kInboxLimit && !is_end) {
     if (is_frame) ++counters_.frames_dropped["inbox"];
     return false;
   }
@@ -63,7 +64,9 @@ void Session::count_drop(const std::string& cause) {
   ++counters_.frames_dropped[cause];
 }
 
-void Session::end() { static_cast<void>(offer(engine::End{}, 0)); }
+void Session::end() {
+  static_cast<void>(offer(engine::End{}, 0));
+}
 
 std::vector<Outcome> Session::take_outcomes() {
   std::lock_guard lock(outcomes_mutex_);
@@ -87,7 +90,9 @@ bool Session::take_audio(std::size_t samples, AudioBlock& block) {
   return true;
 }
 
-double Session::time_of(std::int64_t sample) const { return origin_s_.load() + static_cast<double>(sample) / options_.rate_hz; }
+double Session::time_of(std::int64_t sample) const {
+  return origin_s_.load() + static_cast<double>(sample) / options_.rate_hz;
+}
 
 Counters Session::counters() const {
   std::lock_guard lock(inbox_mutex_);
@@ -124,16 +129,19 @@ bool Session::analyse() {
   }
 
   const auto* frame = std::get_if<sheet::MeshFrame>(&next.item);
+  if (frame != nullptr) quiet_.store(false);
   if (live() && frame != nullptr) {
     const std::int64_t due = rendered + static_cast<std::int64_t>(*options_.playout_delay_s * options_.rate_hz);
     const auto off = static_cast<double>(ingest_.sample_of(frame->time_s) - due);
-    if (!placed_ || std::abs(off) > kStep_s * options_.rate_hz) {
+    // Later than its delay absorbs, or far ahead: the sender paused, stepped or runs slower, and is followed from here.
+    const double delay = std::max<double>(*options_.playout_delay_s * options_.rate_hz, kQuantum);
+    if (!placed_ || off > kStep_s * options_.rate_hz || off < -delay) {
       ingest_.place(frame->time_s, due);
       origin_s_.store(frame->time_s - static_cast<double>(due) / options_.rate_hz);
     }
     placed_ = true;
   }
-  auto observed = ingest_.accept(next.item, *batch);
+  auto observed = accept(next.item, *batch);
   hand_over(std::move(batch));
 
   std::optional<observation::Observation> seen;
@@ -159,9 +167,21 @@ bool Session::analyse() {
   }
   std::lock_guard lock(outcomes_mutex_);
   if (!observed) outcomes_.emplace_back(Refused{std::move(observed.error()), next.sequence});
-  if (seen && !(seen->crumpling.empty() && seen->friction.empty() && seen->tears.empty())) outcomes_.emplace_back(std::move(*seen));
+  if (seen && !(seen->crumpling.empty() && seen->friction.empty() && seen->tears.empty()))
+    outcomes_.emplace_back(std::move(*seen));
   if (next.sequence != 0) outcomes_.emplace_back(Analysed{next.sequence});
   return true;
+}
+
+tl::expected<std::optional<observation::Observation>, engine::Refusal> Session::accept(const engine::StreamItem& item,
+                                                                                       engine::CueBatch& batch) {
+  try {
+    return ingest_.accept(item, batch);
+  } catch (const std::exception& failure) {  // such as no memory: costs this item, not everyone's session
+    batch.cues.clear();
+    return tl::unexpected(
+        engine::Refusal{engine::Refusal::Cause::kFailed, "stream", failure.what(), "Send a smaller mesh."});
+  }
 }
 
 void Session::hand_over(std::unique_ptr<engine::CueBatch> batch) {
@@ -190,15 +210,15 @@ Session::RenderOutcome Session::render() {
     while (take_batch()) {
     }
     render_quanta_until(live_target(), outcome);
-    const auto silence = clock_.now() - WallClock::Duration(last_frame_ns_.load(std::memory_order_relaxed));
-    if (last_frame_ns_.load(std::memory_order_relaxed) != 0 && silence > kQuietAfter) {
-      last_frame_ns_.store(0, std::memory_order_relaxed);
+    auto last_frame = last_frame_ns_.load();
+    if (last_frame != 0 && clock_.now() - WallClock::Duration(last_frame) > kQuietAfter &&
+        last_frame_ns_.compare_exchange_strong(last_frame, 0)) {
       quiet_.store(true);
       outcome.wants_analysis = true;
     }
-    const std::int64_t next_block = (render_.position() / options_.block_size + 1) * options_.block_size;
-    outcome.next_due = started_ + std::chrono::duration_cast<WallClock::Duration>(
-                                      std::chrono::duration<double>(static_cast<double>(next_block) / options_.rate_hz));
+    const std::int64_t step = (std::max<std::int64_t>(options_.block_size, kQuantum) + kQuantum - 1) / kQuantum * kQuantum;
+    outcome.next_due = started_ + std::chrono::duration_cast<WallClock::Duration>(std::chrono::duration<double>(
+                                      static_cast<double>(render_.position() + step) / options_.rate_hz));
   } else {
     do {
       render_quanta_until(render_.horizon(), outcome);
@@ -211,8 +231,8 @@ Session::RenderOutcome Session::render() {
     render_quanta_until(render_.position() + options_.rate_hz, outcome);
     if (!render_.complete() && !live()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
   }
-  if (render_.complete()) complete_.store(true, std::memory_order_release);
   rendered_.store(render_.position(), std::memory_order_release);
+  if (render_.complete()) complete_.store(true, std::memory_order_release);
   return outcome;
 }
 

@@ -113,6 +113,8 @@ class Session {
 
   bool live() const { return options_.clock == Clock::kLive; }
   std::int64_t live_target() const;
+  tl::expected<std::optional<observation::Observation>, engine::Refusal> accept(const engine::StreamItem& item,
+                                                                                engine::CueBatch& batch);
   void hand_over(std::unique_ptr<engine::CueBatch> batch);  // analysis worker
   bool take_batch();                                        // render worker
   void render_quanta_until(std::int64_t target, RenderOutcome& outcome);
@@ -130,10 +132,10 @@ class Session {
   std::mutex outcomes_mutex_;
   std::vector<Outcome> outcomes_;
 
-  engine::Ingest ingest_;    // analysis worker
+  engine::Ingest ingest_;         // analysis worker
   std::atomic<double> origin_s_;  // simulation time of sample 0
   std::uint64_t newest_episode_ = 0;
-  bool placed_ = false;      // live: the first frame has fixed where simulation time lies on the sample axis
+  bool placed_ = false;  // live: the first frame has fixed where simulation time lies on the sample axis
   std::atomic<std::int64_t> last_frame_ns_{0};
   std::atomic<bool> quiet_{false};
 
@@ -142,13 +144,13 @@ class Session {
   std::unique_ptr<engine::CueBatch> held_;  // analysis worker: found the ring full
   std::atomic<bool> held_back_{false};
 
-  engine::Render render_;    // render worker
+  engine::Render render_;  // render worker
   engine::AudioQuantum quantum_;
   std::atomic<std::int64_t> rendered_{0};
   std::atomic<bool> complete_{false};
 
-  SampleRing audio_;         // render worker → network thread
-  std::int64_t taken_ = 0;   // network thread
+  SampleRing audio_;        // render worker → network thread
+  std::int64_t taken_ = 0;  // network thread
   bool finished_ = false;
 };
 

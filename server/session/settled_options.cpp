@@ -20,6 +20,13 @@ SessionOptions settled(SessionOptions options) {
   return options;
 }
 
+SessionOptions replayed(SessionOptions recorded) {
+  if (recorded.clock == Clock::kLive) recorded.playout_delay_s.reset();
+  recorded.clock = Clock::kSimulation;
+  recorded.record = false;
+  return recorded;
+}
+
 engine::Options engine_options(const SessionOptions& options) {
   engine::Options out;
   out.seed = options.seed;

@@ -8,6 +8,10 @@ namespace rustle::session {
 /// The options in force: every default filled in, nothing left at 0 or absent.
 SessionOptions settled(SessionOptions options);
 
+/// The options under which a session that was recorded with `recorded` is heard again on the simulation clock, offline or
+/// through a daemon: what belonged to the live clock does not count.
+SessionOptions replayed(SessionOptions recorded);
+
 /// The same for the engine. \pre options are settled
 engine::Options engine_options(const SessionOptions& options);
 

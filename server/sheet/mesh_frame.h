@@ -62,10 +62,10 @@ struct MeshFrame {
   SheetId sheet = 0;
   double time_s = 0;
   std::shared_ptr<const Topology> topology;
-  std::vector<Vec3f> positions_m;              ///< [V]
-  std::vector<Vec3f> velocities_m_per_s;       ///< [V] or empty: differenced from positions
-  std::vector<bool> anchored;                  ///< [V] or empty: none
-  bool reset_history = false;                  ///< compare with nothing before it
+  std::vector<Vec3f> positions_m;                    ///< [V]
+  std::vector<Vec3f> velocities_m_per_s;             ///< [V] or empty: differenced from positions
+  std::vector<bool> anchored;                        ///< [V] or empty: none
+  bool reset_history = false;                        ///< compare with nothing before it
   std::optional<std::vector<SentContact>> contacts;  ///< replace proximity when present
   std::optional<SentPartition> partition;
   std::vector<SentTearTip> tear_tips;

@@ -1,11 +1,12 @@
 #include "server/sheet/proxy.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
 
-#include "server/sheet/delaunay.h"
+#include "client_sdk/sheets/delaunay.h"
 #include "server/sheet/point_grid.h"
 
 namespace rustle::sheet {
@@ -129,9 +130,11 @@ std::optional<Proxy> coarse_proxy(const Topology& fine, const RestPlane& plane, 
   }
 
   std::vector<Vec2d> points;
+  std::vector<std::array<double, 2>> places;
   Topology::Input input;
   for (std::uint32_t i : proxy.vertices) {
     points.push_back(x[i]);
+    places.push_back({x[i].x(), x[i].y()});
     input.material_coordinates_m.push_back((x[i] - low).cast<float>());
   }
   // Triangles over a notch or a hole have their centre in no fine triangle.
@@ -152,7 +155,7 @@ std::optional<Proxy> coarse_proxy(const Topology& fine, const RestPlane& plane, 
     return inside;
   };
   double proxy_area = 0;
-  for (const Triangle& v : delaunay(points)) {
+  for (const Triangle& v : sheets::delaunay(places)) {
     const double a = signed_area(v, points);
     if (2 * a <= 0.02 * spacing * spacing || !covered((points[v[0]] + points[v[1]] + points[v[2]]) / 3)) continue;
     proxy_area += a;

@@ -32,9 +32,9 @@ struct BorderEdge {
 
 /// What was tolerated, counted.
 struct TopologyFlaws {
-  std::size_t non_manifold_edges = 0;     ///< with three triangles or more: they join nothing
-  std::size_t degenerate_triangles = 0;   ///< with a repeated vertex: left out of all edges
-  std::size_t inconsistent_edges = 0;     ///< whose two triangles are oriented against each other
+  std::size_t non_manifold_edges = 0;    ///< with three triangles or more: they join nothing
+  std::size_t degenerate_triangles = 0;  ///< with a repeated vertex: left out of all edges
+  std::size_t inconsistent_edges = 0;    ///< whose two triangles are oriented against each other
   std::size_t unused_vertices = 0;
 };
 

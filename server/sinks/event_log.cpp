@@ -13,7 +13,10 @@ namespace {
 constexpr double kSlidingSpeed = 1e-3;
 
 /// Rounded to what a reader needs, so that lines stay short and equal runs give equal text.
-double rounded(double value, double step) { return std::isfinite(value) ? std::round(value / step) * step : 0.0; }
+double rounded(double value, double step) {
+  const double per_unit = std::round(1 / step);
+  return std::isfinite(value) ? std::round(value * per_unit) / per_unit : 0.0;
+}
 
 nlohmann::json json_of(const sheet::Vec3d& v, double step) {
   return nlohmann::json::array({rounded(v.x(), step), rounded(v.y(), step), rounded(v.z(), step)});
@@ -162,7 +165,8 @@ tl::expected<void, std::string> write_json_lines(const std::filesystem::path& fi
   std::ofstream out(file);
   for (const auto& event : events) out << json_line(event) << '\n';
   out.close();
-  if (!out) return tl::unexpected(fmt::format("{}: cannot be written; choose a folder that exists and has room", file.string()));
+  if (!out)
+    return tl::unexpected(fmt::format("{}: cannot be written; choose a folder that exists and has room", file.string()));
   return {};
 }
 

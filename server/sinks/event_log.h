@@ -17,23 +17,23 @@ namespace rustle::sinks {
 struct LoggedEvent {
   enum class Kind { kCrumpling, kFriction, kTearing };
   std::uint64_t id = 0;
-  double time_s = 0;               ///< crumpling: the interpolated zero of H; else when the episode began
-  double end_s = 0;                ///< crumpling: the frame that confirmed it; else when the episode ended
+  double time_s = 0;  ///< crumpling: the interpolated zero of H; else when the episode began
+  double end_s = 0;   ///< crumpling: the frame that confirmed it; else when the episode ended
   sheet::SheetId sheet = 0;
   Kind kind = Kind::kCrumpling;
-  std::uint64_t continues = 0;     ///< 0: none
-  double amplitude = 0;            ///< crumpling: m; else the time mean of the speed, m/s
-  double area_m2 = 0;              ///< of an episode: at its loudest
+  std::uint64_t continues = 0;  ///< 0: none
+  double amplitude = 0;         ///< crumpling: m; else the time mean of the speed, m/s
+  double area_m2 = 0;           ///< of an episode: at its loudest
   sheet::Vec3d position_m = sheet::Vec3d::Zero();
   std::vector<std::uint32_t> vertices;
   observation::Source source = observation::Source::kDetected;
-  double speed_m_per_s = 0;        ///< of an episode: its greatest; of a crumpling event: the sheet's there
+  double speed_m_per_s = 0;  ///< of an episode: its greatest; of a crumpling event: the sheet's there
   sheet::Vec3d direction = sheet::Vec3d::Zero();
   std::vector<observation::Resonator> resonators;
   struct Speed {
     double time_s, speed_m_per_s;
   };
-  std::vector<Speed> speeds;       ///< of an episode, one per frame; not in the JSON
+  std::vector<Speed> speeds;  ///< of an episode, one per frame; not in the JSON
 };
 
 const char* name_of(LoggedEvent::Kind kind);

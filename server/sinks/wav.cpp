@@ -59,8 +59,8 @@ tl::expected<WavWriter, std::string> WavWriter::create(const std::filesystem::pa
 tl::expected<void, std::string> WavWriter::write(std::span<const float> interleaved) {
   const auto frames = static_cast<sf_count_t>(interleaved.size()) / file_->channels;
   if (sf_writef_float(file_->handle, interleaved.data(), frames) != frames) {
-    return tl::unexpected(fmt::format("{}: writing failed ({}); is the disk full?", file_->path.string(),
-                                      sf_strerror(file_->handle)));
+    return tl::unexpected(
+        fmt::format("{}: writing failed ({}); is the disk full?", file_->path.string(), sf_strerror(file_->handle)));
   }
   return {};
 }
@@ -79,8 +79,8 @@ tl::expected<SoundFile, std::string> read_sound_file(const std::filesystem::path
   SF_INFO info{};
   SNDFILE* handle = sf_open(path.c_str(), SFM_READ, &info);
   if (handle == nullptr) {
-    return tl::unexpected(fmt::format("{}: cannot be read ({}); give a WAV, FLAC or OGG file", path.string(),
-                                      sf_strerror(nullptr)));
+    return tl::unexpected(
+        fmt::format("{}: cannot be read ({}); give a WAV, FLAC or OGG file", path.string(), sf_strerror(nullptr)));
   }
   SoundFile sound{info.samplerate, info.channels, {}};
   sound.interleaved.resize(static_cast<std::size_t>(info.frames * info.channels));

@@ -139,11 +139,15 @@ void Planner::gains(const Gains& gains, SampleTime time, std::vector<Cue>& out) 
   for (const auto& [id, sheet] : sheets_) send_gains(sheet, time, time + samples(kGainRamp_s), out);
 }
 
-void Planner::end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& out) {
+void Planner::quieten(sheet::SheetId id, SampleTime time, std::vector<Cue>& out) {
   const auto sheet = sheets_.find(id);
   if (sheet == sheets_.end()) return;
   for (const auto& model : models_) model->end_sheet(sheet->second, time, out);
-  sheets_.erase(sheet);
+}
+
+void Planner::end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& out) {
+  quieten(id, time, out);
+  sheets_.erase(id);
 }
 
 PlanCounters Planner::counters() const {

@@ -73,6 +73,9 @@ class Planner {
 
   void gains(const Gains& gains, SampleTime time, std::vector<Cue>& out);
 
+  /// What sustains of the sheet ends within 20 ms; its next observation starts it anew.
+  void quieten(sheet::SheetId id, SampleTime time, std::vector<Cue>& out);
+
   /// No observation of the sheet will come. Its waiting events still sound; what sustains ends within 20 ms.
   void end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& out);
 

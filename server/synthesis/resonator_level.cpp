@@ -45,7 +45,8 @@ spatial::Emitter emitter_of(Mode mode, const observation::Resonator& resonator) 
     emitter.fades_when_touching = false;
     return emitter;
   }
-  // Normals spread evenly about their mean: seen edge-on, the mean square of cos θ is half of that of the sine of the spread.
+  // Normals spread evenly about their mean: seen edge-on, the mean square of cos θ is half of that of the sine of the
+  // spread.
   emitter.cosine_floor = std::clamp(resonator.normal_spread / std::numbers::sqrt2, spatial::kMinCosineFloor, 1.0);
   emitter.covariance_m2 = resonator.covariance_m2;
   return emitter;

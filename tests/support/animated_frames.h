@@ -29,7 +29,8 @@ class AnimatedFrames {
     frame.topology = topology_;
     std::vector<float> xyz(3 * topology_->vertex_count());
     sheet_.positions(time_s, xyz);
-    for (std::size_t v = 0; v < topology_->vertex_count(); ++v) frame.positions_m.emplace_back(xyz[3 * v], xyz[3 * v + 1], xyz[3 * v + 2]);
+    for (std::size_t v = 0; v < topology_->vertex_count(); ++v)
+      frame.positions_m.emplace_back(xyz[3 * v], xyz[3 * v + 1], xyz[3 * v + 2]);
     std::vector<std::uint8_t> held(topology_->vertex_count());
     sheet_.anchored(time_s, held);
     frame.anchored.assign(held.begin(), held.end());

@@ -8,8 +8,9 @@ int main(int argc, char** argv) {
   CLI::App app{"Rustle gives deforming sheets their sound.", "rustle"};
   app.set_version_flag("--version", "rustle " RUSTLE_VERSION);
   app.require_subcommand(1);
-  app.footer("Example: rustle import crumple.npz -o crumple.mcap && rustle render crumple.mcap -o crumple.wav\n"
-             "Exit status: 0 done, 1 failed, 2 wrong usage. `rustle COMMAND --help` tells more.");
+  app.footer(
+      "Example: rustle import crumple.npz -o crumple.mcap && rustle render crumple.mcap -o crumple.wav\n"
+      "Exit status: 0 done, 1 failed, 2 wrong usage. `rustle COMMAND --help` tells more.");
   Action action;
   add_demo(app, action);
   add_render(app, action);

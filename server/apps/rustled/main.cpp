@@ -24,14 +24,23 @@ int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
   if (packs->entries().empty()) {
     std::string folders;
     for (const auto& folder : packs->search_folders()) folders += " " + folder.string();
-    fmt::print(stderr, "rustled: no sound pack found; make one with `rustle pack generate`, or name its folder in RUSTLE_PACK_PATH. Looked in:{}\n",
+    fmt::print(stderr,
+               "rustled: no sound pack found; make one with `rustle pack generate`, or name its folder in RUSTLE_PACK_PATH. "
+               "Looked in:{}\n",
                folders);
     return apps::kFailed;
   }
   const auto& wanted = options.sockets;
-  for (const auto& [endpoint, flag] : {std::pair(wanted.control, "--control"), std::pair(wanted.stream, "--stream"), std::pair(wanted.out, "--out")}) {
+  for (const auto& [endpoint, flag] :
+       {std::pair(wanted.control, "--control"), std::pair(wanted.stream, "--stream"), std::pair(wanted.out, "--out")}) {
     if (endpoint.empty()) continue;
     if (auto allowed = wire::check_bind_endpoint(endpoint, flag); !allowed) {
+      fmt::print(stderr, "rustled: {}\n", allowed.error());
+      return apps::kWrongUsage;
+    }
+  }
+  for (const auto& endpoint : wanted.connect) {
+    if (auto allowed = wire::check_connect_endpoint(endpoint, "--connect"); !allowed) {
       fmt::print(stderr, "rustled: {}\n", allowed.error());
       return apps::kWrongUsage;
     }
@@ -42,7 +51,8 @@ int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
     return apps::kFailed;
   }
   const auto& sockets = (*daemon)->sockets();
-  spdlog::info("control {}, stream {}, out {}", sockets.control_endpoint(), sockets.stream_endpoint(), sockets.out_endpoint());
+  spdlog::info("control {}, stream {}, out {}", sockets.control_endpoint(), sockets.stream_endpoint(),
+               sockets.out_endpoint());
   std::signal(SIGINT, [](int) { g_stop.store(true); });
   std::signal(SIGTERM, [](int) { g_stop.store(true); });
   (*daemon)->run(g_stop);
@@ -55,21 +65,32 @@ int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
 int main(int argc, char** argv) {
   CLI::App app{"rustled listens to simulators and gives their deforming sheets sound.", "rustled"};
   app.set_version_flag("--version", "rustled " RUSTLE_VERSION);
-  app.footer("Example: rustled --connect tcp://127.0.0.1:5555\n"
-             "Attach a simulator with an SDK or `rustle replay`, hear it with `rustle listen`. Ends on SIGTERM or Ctrl-C.");
+  app.footer(
+      "Example: rustled --connect tcp://127.0.0.1:5555\n"
+      "Attach a simulator with an SDK or `rustle replay`, hear it with `rustle listen`. Ends on SIGTERM or Ctrl-C.");
   rustle::apps::DaemonOptions options;
   std::string log_level = "info";
   auto& sockets = options.sockets;
   app.add_option("--control", sockets.control, "Endpoint of requests, loopback tcp or ipc")->capture_default_str();
-  app.add_option("--stream", sockets.stream, "Endpoint of frames, loopback tcp or ipc; \"\" for none")->capture_default_str();
+  app.add_option("--stream", sockets.stream, "Endpoint of frames, loopback tcp or ipc; \"\" for none")
+      ->capture_default_str();
   app.add_option("--out", sockets.out, "Endpoint of sound, loopback tcp or ipc")->capture_default_str();
   app.add_option("--connect", sockets.connect, "Subscribe to a simulator that publishes there; may be repeated");
-  app.add_option("--workers", options.analysis_workers, "Analysis threads")->check(CLI::Range(1, 256))->capture_default_str();
-  app.add_option("--rate", options.rate_hz, "Sample rate of sessions that do not say")->check(CLI::IsMember({44100, 48000, 96000}))->capture_default_str();
-  app.add_option("--block-size", options.block_size, "Samples in a block of sessions that do not say")->check(CLI::Range(16, 8192))->capture_default_str();
-  app.add_option("--max-sessions", options.max_sessions, "Sessions at a time")->check(CLI::Range(1, 100000))->capture_default_str();
+  app.add_option("--workers", options.analysis_workers, "Analysis threads")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--rate", options.rate_hz, "Sample rate of sessions that do not say")
+      ->check(CLI::IsMember({44100, 48000, 96000}))
+      ->capture_default_str();
+  app.add_option("--block-size", options.block_size, "Samples in a block of sessions that do not say")
+      ->check(CLI::Range(16, 8192))
+      ->capture_default_str();
+  app.add_option("--max-sessions", options.max_sessions, "Sessions at a time")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
   app.add_option("--log-level", log_level, "What is logged on standard error")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))->capture_default_str();
+      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
+      ->capture_default_str();
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -30,7 +30,9 @@ std::shared_ptr<pack::PackLibrary> packs() {
   return library;
 }
 
-engine::SheetDescription described() { return {1, "sheet", engine::SheetKind::kPaper, "", "", {}, {}}; }
+engine::SheetDescription described() {
+  return {1, "sheet", engine::SheetKind::kPaper, "", "", {}, {}};
+}
 
 std::uint64_t dropped(const session::Counters& counters) {
   return std::accumulate(counters.frames_dropped.begin(), counters.frames_dropped.end(), std::uint64_t{0},
@@ -89,7 +91,7 @@ TEST_CASE("A live session is paced by its clock alone") {
   CHECK(live.samples_rendered() == 24000 / synthesis::kQuantum * synthesis::kQuantum);
   const auto outcome = live.render();
   REQUIRE(outcome.next_due);
-  CHECK(*outcome.next_due > clock.now() - std::chrono::milliseconds(2));
+  CHECK(*outcome.next_due > clock.now());
 }
 
 TEST_CASE("Of a live backlog the oldest frames are skipped and counted") {
@@ -136,6 +138,16 @@ TEST_CASE("Contacts end when a live sender goes quiet") {
   const auto after = drain(live);
   REQUIRE(after.size() > 40000);
   CHECK(std::all_of(after.end() - 20000, after.end(), [](float x) { return x == 0; }));
+
+  for (int k = 0; k < 30; ++k) {
+    REQUIRE(live.offer(frames.at(1.4 + k / 60.0), static_cast<std::uint64_t>(k) + 63));
+    while (live.analyse()) {
+    }
+    clock.advance(1 / 60.0);
+    live.render();
+  }
+  const auto again = drain(live);
+  CHECK(*std::max_element(again.begin(), again.end()) > 1e-4f);
 }
 
 TEST_CASE("A simulation session in threads gives the samples of the offline render") {

@@ -6,7 +6,6 @@
 #include <catch2/catch.hpp>
 
 #include "meshes.h"
-#include "server/sheet/delaunay.h"
 #include "server/sheet/face_geometry.h"
 #include "server/sheet/point_grid.h"
 #include "server/sheet/proxy.h"
@@ -90,39 +89,6 @@ TEST_CASE("the grid finds the neighbours that brute force finds") {
     grid.within(centre, 0.4, [&](std::uint32_t i, double) { found.insert(i); });
     CHECK(found == near);
   }
-}
-
-TEST_CASE("no point lies inside the circle of a Delaunay triangle, and the triangles tile the hull") {
-  for (int kind = 0; kind < 3; ++kind) {
-    std::vector<Vec2d> points;
-    for (std::uint64_t i = 0; i < 12; ++i) {
-      for (std::uint64_t j = 0; j < 15; ++j) {
-        const bool inner = i > 0 && i < 11 && j > 0 && j < 14;
-        const double jitter = kind == 0 || !inner ? 0 : kind == 1 ? 1e-5 : 0.04;
-        points.emplace_back(0.1 * static_cast<double>(i) + jitter * uniform(100 * i + j),
-                            0.1 * static_cast<double>(j) + jitter * uniform(9000 + 100 * i + j));
-      }
-    }
-    points.push_back(points[40]);  // twice the same place
-    const auto triangles = sheet::delaunay(points);
-    CHECK(triangles.size() == 2 * 11 * 14);
-    double area = 0;
-    for (const auto& t : triangles) {
-      const Vec2d &a = points[t[0]], &b = points[t[1]], &c = points[t[2]];
-      const double twice = cross(b - a, c - a);
-      CHECK(twice > 0);
-      area += twice / 2;
-      const Vec2d u = b - a, v = c - a;
-      const Vec2d centre =
-          a + Vec2d(v.y() * u.squaredNorm() - u.y() * v.squaredNorm(), u.x() * v.squaredNorm() - v.x() * u.squaredNorm()) /
-                  (2 * twice);
-      const double radius = (centre - a).norm();
-      for (const Vec2d& p : points) CHECK((p - centre).norm() > radius - 1e-5);
-    }
-    CHECK(area == Approx(1.1 * 1.4).epsilon(1e-5));
-  }
-  CHECK(sheet::delaunay(std::vector<Vec2d>(5, Vec2d(1, 1))).empty());
-  CHECK(sheet::delaunay(std::vector<Vec2d>{{0, 0}, {1, 1}, {2, 2}, {3, 3}}).empty());
 }
 
 TEST_CASE("a sheet first seen bent is laid out with its own lengths") {

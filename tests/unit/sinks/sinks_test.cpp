@@ -31,8 +31,9 @@ TEST_CASE("A WAV file gives back what was written") {
   std::vector<float> samples(2 * 3001);
   for (std::size_t i = 0; i < samples.size(); ++i) samples[i] = static_cast<float>(std::sin(0.01 * static_cast<double>(i)));
   samples[7] = 1.5f;  // beyond full scale
-  for (const auto& [format, tolerance] : {std::pair(sinks::WavFormat::kFloat32, 0.0), std::pair(sinks::WavFormat::kInt24, 2e-7),
-                                          std::pair(sinks::WavFormat::kInt16, 4e-5)}) {
+  for (const auto& [format, tolerance] :
+       {std::pair(sinks::WavFormat::kFloat32, 0.0), std::pair(sinks::WavFormat::kInt24, 2e-7),
+        std::pair(sinks::WavFormat::kInt16, 4e-5)}) {
     auto wav = sinks::WavWriter::create(folder / "a.wav", 44100, 2, format);
     REQUIRE(wav);
     REQUIRE(wav->write(std::span(samples).first(2000)));
@@ -122,7 +123,8 @@ TEST_CASE("Events come in the order of time, as JSON lines with the promised fie
   CHECK(lines[1]["continues"].is_null());
   CHECK(lines[0]["kind"] == "crumpling");
   CHECK(lines[0]["amplitude_unit"] == "m");
-  for (const auto* key : {"time_s", "end_s", "sheet", "area_m2", "position_m", "vertices", "source", "speed_m_per_s", "direction"}) {
+  for (const auto* key :
+       {"time_s", "end_s", "sheet", "area_m2", "position_m", "vertices", "source", "speed_m_per_s", "direction"}) {
     CHECK(lines[0].contains(key));
   }
   for (const auto* key : {"constrained", "coarse", "l_r_m", "l_c_m", "area_m2", "position_m", "normal"}) {
