@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint32_t kSheetId = 1;
 constexpr std::size_t kMaxVertices = 4'000'000;
 constexpr std::size_t kMaxTriangles = 8'000'000;
-constexpr double kMaxTime_s = 1e9;
+constexpr double kMaxTime_s = 1e10;
 
 ImportError from_storage(const StorageError& error) {
   return {error.file_name, "", error.message, error.remedy};

@@ -6,12 +6,34 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 
 namespace rustle::apps {
 
 int complain(std::string_view message, ExitStatus status) {
   fmt::print(stderr, "rustle: {}\n", message);
   return status;
+}
+
+std::string output_conflict(const std::vector<std::string>& inputs, const std::vector<std::string>& outputs) {
+  const auto place = [](const std::string& name) {
+    std::error_code unknown;
+    return std::filesystem::weakly_canonical(name, unknown);
+  };
+  for (std::size_t k = 0; k < outputs.size(); ++k) {
+    if (outputs[k].empty()) continue;
+    std::error_code unknown;
+    for (const auto& input : inputs) {
+      if (place(input) == place(outputs[k]) || std::filesystem::equivalent(input, outputs[k], unknown)) {
+        return fmt::format("{} is read and would be overwritten; write to another file", outputs[k]);
+      }
+    }
+    for (std::size_t j = 0; j < k; ++j) {
+      if (!outputs[j].empty() && place(outputs[j]) == place(outputs[k]))
+        return fmt::format("{} would be written twice; name two files", outputs[k]);
+    }
+  }
+  return {};
 }
 
 namespace {

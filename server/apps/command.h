@@ -3,6 +3,7 @@
 #include <functional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace CLI {
 class App;
@@ -26,6 +27,9 @@ void add_replay(CLI::App& app, Action& action);
 /// Prints "rustle: MESSAGE" on standard error and returns `status`.
 int complain(std::string_view message, ExitStatus status);
 void warn(std::string_view message);
+
+/// Why these files cannot all be written: one is an input, or two are the same. Empty: they can.
+std::string output_conflict(const std::vector<std::string>& inputs, const std::vector<std::string>& outputs);
 
 /// From now on SIGINT and SIGTERM only set what interrupted() tells.
 void catch_interrupts();

@@ -7,9 +7,11 @@
 #include <atomic>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <thread>
 
 #include "client_sdk/cpp/observation_reader.h"
@@ -123,24 +125,36 @@ Failure failure_of(const tl::expected<T, client::Error>& result) {
   return result ? Failure{} : Failure{client::to_string(result.error())};
 }
 
-/// Sends the sheet as a simulator would.
-Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet) {
+using Demos = std::vector<std::unique_ptr<sheets::AnimatedSheet>>;
+
+constexpr double kPause_s = 0.3;  // between demos
+
+double duration_s(const Demos& demos) {
+  double sum = kPause_s * static_cast<double>(demos.size() - 1);
+  for (const auto& demo : demos) sum += demo->duration_s();
+  return sum;
+}
+
+/// Sends one demo's frames as a simulator would, from `start_s` on.
+Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet, std::uint64_t topology_id, double start_s,
+                 const std::function<void(double)>& sent) {
   const auto& mesh = sheet.mesh();
   const std::size_t vertices = mesh.material_coordinates.size();
   std::vector<float> positions(3 * vertices);
   std::vector<std::uint8_t> held(vertices);
   client::Topology topology;
+  topology.id = topology_id;
   topology.vertex_count = static_cast<std::uint32_t>(vertices);
   topology.triangles = {mesh.triangles.front().data(), 3 * mesh.triangles.size()};
   topology.material_coordinates = {mesh.material_coordinates.front().data(), 2 * vertices};
   if (auto failed = failure_of(session.add_topology(topology))) return failed;
   if (sheet.on_table()) {
     client::SceneUpdate scene;
+    scene.time_s = start_s;
     scene.obstacles.push_back(
         {.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
     if (auto failed = failure_of(session.scene(scene))) return failed;
   }
-  Progress progress("simulating");
   const auto frames = static_cast<int>(std::ceil(sheet.duration_s() * kFramesPerSecond));
   for (int k = 0; k <= frames; ++k) {
     const double time_s = k / kFramesPerSecond;
@@ -148,8 +162,21 @@ Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet) {
     sheet.anchored(time_s, held);
     client::FrameExtras extras;
     extras.anchored = held;
-    if (auto failed = failure_of(session.frame(kSheet, 1, time_s, positions, extras))) return failed;
-    progress.show(static_cast<double>(k) / frames);
+    extras.reset_history = k == 0;
+    if (auto failed = failure_of(session.frame(kSheet, topology_id, start_s + time_s, positions, extras))) return failed;
+    sent(start_s + time_s);
+  }
+  return {};
+}
+
+Failure simulate(client::Session& session, const Demos& demos) {
+  Progress progress("simulating");
+  double start_s = 0;
+  std::uint64_t topology_id = 0;
+  for (const auto& demo : demos) {
+    const auto sent = [&](double time_s) { progress.show(time_s / duration_s(demos)); };
+    if (auto failed = simulate(session, *demo, ++topology_id, start_s, sent)) return failed;
+    start_s += demo->duration_s() + kPause_s;
   }
   return failure_of(session.end());
 }
@@ -159,8 +186,7 @@ struct Heard {
   std::uint32_t rate_hz = 0, channels = 0;
 };
 
-Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet, const std::string& control, Heard& heard,
-             Teller& teller) {
+Failure play(const DemoArguments& arguments, const Demos& demos, const std::string& control, Heard& heard, Teller& teller) {
   auto connection = client::Connection::connect({control, {}, {}});
   if (auto failed = failure_of(connection)) return failed;
   client::SessionOptions options;
@@ -192,7 +218,7 @@ Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet,
     }
     failed = "no sound came back for 30 s";
   });
-  Failure sending = simulate(*session, sheet);
+  Failure sending = simulate(*session, demos);
   if (sending) static_cast<void>(session->end());
   listener_thread.join();
   done.store(true);
@@ -204,14 +230,19 @@ Failure play(const DemoArguments& arguments, const sheets::AnimatedSheet& sheet,
 }
 
 int run(const DemoArguments& arguments) {
-  std::string name = arguments.what;
-  if (name == "bend,slide,snap,shake" || name == "all") name = "bend_slide_snap_shake";
-  const auto sheet = sheets::make_demo(name, arguments.triangles, arguments.seed);
-  if (!sheet) {
-    std::string names;
-    for (const auto known : sheets::demo_names()) names += " " + std::string(known);
-    return complain(fmt::format("there is no demo \"{}\"; there are:{}", arguments.what, names), kWrongUsage);
+  Demos demos;
+  std::stringstream names(arguments.what);
+  for (std::string name; std::getline(names, name, ',');) {
+    demos.push_back(sheets::make_demo(name, arguments.triangles, arguments.seed));
+    if (demos.back()) continue;
+    std::string known;
+    for (const auto one : sheets::demo_names()) known += " " + std::string(one);
+    return complain(fmt::format("there is no demo \"{}\"; there are:{}", name, known), kWrongUsage);
   }
+  if (demos.empty()) return complain("name a demo, as in `rustle demo snap`", kWrongUsage);
+  const std::string wav_name = arguments.output + ".wav", picture_name = arguments.output + ".png";
+  if (auto conflict = output_conflict({}, {wav_name, picture_name}); !conflict.empty())
+    return complain(conflict, kWrongUsage);
   auto packs = std::make_shared<pack::PackLibrary>();
   if (auto found = packs->find(arguments.material); !found) return complain(found.error().text(), kWrongUsage);
 
@@ -229,15 +260,14 @@ int run(const DemoArguments& arguments) {
   std::thread network([&] { (*daemon)->run(stop); });
 
   fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {} triangles.\n", arguments.material,
-             sheet->duration_s(), sheet->mesh().triangles.size());
+             duration_s(demos), demos.front()->mesh().triangles.size());
   Heard heard;
   Teller teller;
-  const auto failed = play(arguments, *sheet, options.sockets.control, heard, teller);
+  const auto failed = play(arguments, demos, options.sockets.control, heard, teller);
   stop.store(true);
   network.join();
   if (failed) return complain(*failed, kFailed);
 
-  const std::string wav_name = arguments.output + ".wav", picture_name = arguments.output + ".png";
   auto wav = sinks::WavWriter::create(wav_name, static_cast<int>(heard.rate_hz), static_cast<int>(heard.channels),
                                       sinks::WavFormat::kFloat32);
   if (!wav) return complain(wav.error(), kFailed);
@@ -265,7 +295,7 @@ void add_demo(CLI::App& app, Action& action) {
   command->footer("Example: rustle demo snap --material printer-paper -o snap");
   std::string names;
   for (const auto known : sheets::demo_names()) names += (names.empty() ? "" : ", ") + std::string(known);
-  command->add_option("WHAT", arguments->what, "One of: " + names)->capture_default_str();
+  command->add_option("WHAT", arguments->what, "One or several, separated by commas: " + names)->capture_default_str();
   command->add_option("-o,--output", arguments->output, "Writes OUTPUT.wav and OUTPUT.png")->capture_default_str();
   command->add_option("--material", arguments->material, "The sheet's material")->capture_default_str();
   command->add_option("--seed", arguments->seed, "Seed of everything random")->capture_default_str();

@@ -1,11 +1,13 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "client_sdk/capture/import.h"
 #include "server/apps/command.h"
+#include "sound_db/pack/library.h"
 
 namespace rustle::apps {
 namespace {
@@ -22,6 +24,15 @@ int run(ImportArguments& arguments) {
   options.up_axis = arguments.up == "y" ? v1::UP_AXIS_Y : v1::UP_AXIS_Z;
   options.sheet_kind = arguments.kind == "cloth" ? v1::SHEET_KIND_CLOTH : v1::SHEET_KIND_PAPER;
   options.reflecting = !arguments.no_reflections;
+  if (auto conflict = output_conflict({arguments.input}, {arguments.output}); !conflict.empty())
+    return complain(conflict, kWrongUsage);
+  if (std::error_code unknown;
+      std::filesystem::exists(arguments.output, unknown) && !std::filesystem::is_regular_file(arguments.output, unknown)) {
+    return complain(fmt::format("{} is no regular file; name one", arguments.output), kWrongUsage);
+  }
+  if (!options.material.empty()) {
+    if (auto found = pack::PackLibrary().find(options.material); !found) warn(found.error().text());
+  }
   capture::ImportResult result;
   {
     Progress progress("importing");
@@ -65,11 +76,11 @@ void add_import(CLI::App& app, Action& action) {
       ->required();
   command->add_option("-o,--output", arguments->output, "The capture to write (.mcap)")->required();
   command->add_option("--scale", arguments->options.metres_per_unit, "Metres per unit of the input: 0.01 for centimetres")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(1e-6, 1e6))
       ->capture_default_str();
   command->add_option("--up", arguments->up, "The input's up axis")->check(CLI::IsMember({"y", "z"}))->capture_default_str();
   command->add_option("--fps", arguments->options.frames_per_s, "Frames per second, where the input has no times")
-      ->check(CLI::PositiveNumber);
+      ->check(CLI::Range(1e-3, 1e6));
   command->add_option("--material", arguments->options.material, "The sheet's material, such as printer-paper");
   command->add_option("--kind", arguments->kind, "What the sheet is")
       ->check(CLI::IsMember({"paper", "cloth"}))

@@ -25,12 +25,18 @@ int run(const ListenArguments& arguments) {
   auto connection = client::Connection::connect({arguments.control, {}, {}});
   if (!connection) return complain(client::to_string(connection.error()), kFailed);
   std::string session = arguments.session;
+  auto sessions = connection->list_sessions();
+  if (!sessions) return complain(client::to_string(sessions.error()), kFailed);
+  std::string names;
+  for (const auto& s : *sessions) names += " " + s.session_id;
+  const auto is_asked = [&](const auto& s) { return s.session_id == session; };
+  if (!session.empty() && std::none_of(sessions->begin(), sessions->end(), is_asked)) {
+    return complain(
+        fmt::format("there is no session \"{}\"; {}", session, names.empty() ? "none is attached" : "there are:" + names),
+        kWrongUsage);
+  }
   if (session.empty()) {
-    auto sessions = connection->list_sessions();
-    if (!sessions) return complain(client::to_string(sessions.error()), kFailed);
     if (sessions->size() != 1) {
-      std::string names;
-      for (const auto& s : *sessions) names += " " + s.session_id;
       return complain(sessions->empty() ? "no session is attached; start a simulator, or `rustle replay CAPTURE`"
                                         : "several sessions are attached, name one:" + names,
                       kWrongUsage);
@@ -55,9 +61,9 @@ int run(const ListenArguments& arguments) {
     if (!block) {
       // Silence is sent too: when nothing comes the session may be gone, or its daemon.
       if (++seconds_without < kSecondsWithout) continue;
-      const auto sessions = connection->list_sessions();
+      sessions = connection->list_sessions();
       if (!sessions) return complain(client::to_string(sessions.error()), kFailed);
-      if (std::none_of(sessions->begin(), sessions->end(), [&](const auto& s) { return s.session_id == session; })) break;
+      if (std::none_of(sessions->begin(), sessions->end(), is_asked)) break;
       seconds_without = 0;
       continue;
     }

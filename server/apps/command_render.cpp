@@ -113,6 +113,10 @@ class Blocks {
 
 int run(const RenderArguments& arguments) {
   const auto began = std::chrono::steady_clock::now();
+  if (auto conflict = output_conflict({arguments.capture}, {arguments.output, arguments.events, arguments.report});
+      !conflict.empty()) {
+    return complain(conflict, kWrongUsage);
+  }
   auto source = CaptureSource::open(arguments.capture);
   if (!source) return complain(source.error(), std::filesystem::exists(arguments.capture) ? kFailed : kWrongUsage);
 
@@ -223,7 +227,7 @@ int run(const RenderArguments& arguments) {
     notices.push_back(
         fmt::format("{} message{} left out, first: {}", refusals.count, refusals.count == 1 ? "" : "s", refusals.first));
   }
-  if (!source->recovery().complete) notices.push_back(fmt::format("{}: {}", arguments.capture, source->recovery().what));
+  if (!source->recovery().complete) notices.push_back(source->recovery().what);
   if (source->frames() == 0) notices.push_back(fmt::format("{}: not one frame could be used", arguments.capture));
 
   if (!arguments.report.empty()) {

@@ -298,7 +298,7 @@ int run(const ReplayArguments& arguments) {
   }
   for (const auto& [code, complaint] : complaints)
     warn(fmt::format("{} refused {} times, first {}", code, complaint.first, complaint.second));
-  if (!selection->damage.empty()) warn(fmt::format("{}: {}", arguments.capture, selection->damage));
+  if (!selection->damage.empty()) warn(selection->damage);
   return complaints.empty() && selection->damage.empty() ? kDone : kFailed;
 }
 

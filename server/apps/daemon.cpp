@@ -18,6 +18,8 @@ constexpr std::uint64_t kWindowBytes = std::uint64_t{64} << 20;
 constexpr milliseconds kAnnouncementGrace{1200};  // publishers announce themselves every second
 constexpr std::size_t kStrangerMessages = 64;
 constexpr milliseconds kNoticeInterval{500};
+constexpr milliseconds kComplaintInterval{1000};  // of what belongs to no session: anyone can send it, and logs are finite
+constexpr milliseconds kDetachWait{2000};
 constexpr milliseconds kCreditInterval{500};  // repeated, for a listener that was away when it was sent
 constexpr int kBlocksAtATime = 256;
 constexpr seconds kFinishedKept{30};
@@ -99,10 +101,24 @@ void Daemon::run(const std::atomic<bool>& stop) {
 void Daemon::handle(wire::ControlRequestReceived& event) {
   const auto request = wire::decode_control(event.bytes.bytes());
   const std::uint64_t id = request ? request->request_id : request.error().request_id;
+  if (request && std::holds_alternative<wire::DetachRequest>(request->body)) {
+    if (Guest* leaving = guest(request->session_id)) {
+      detach(*leaving, std::get<wire::DetachRequest>(request->body).discard, {event.peer, id});
+      return;
+    }
+  }
   const wire::ControlReply reply = request ? answer(*request) : wire::ControlReply(request.error().error);
-  if (const auto* error = std::get_if<wire::Error>(&reply))
-    spdlog::warn("control request refused: {}", wire::to_string(*error));
+  if (const auto* error = std::get_if<wire::Error>(&reply)) complain("control request", *error);
   sockets_->send_control(event.peer, wire::encode_reply(id, reply));
+}
+
+void Daemon::complain(std::string_view what, const wire::Error& error) {
+  ++complaints_.unsent;
+  const auto now = std::chrono::steady_clock::now();
+  if (now - complaints_.last_sent < kComplaintInterval) return;
+  spdlog::warn("{} refused: {}{}", what, wire::to_string(error),
+               complaints_.unsent > 1 ? fmt::format(" ({} since the last such line)", complaints_.unsent) : "");
+  complaints_ = {now, 0};
 }
 
 wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
@@ -124,17 +140,20 @@ wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
   Guest* asked = guest(request.session_id);
   if (asked == nullptr) return unknown_session(request.session_id);
   if (std::holds_alternative<wire::GetStatisticsRequest>(request.body)) return statistics(*asked);
-  if (const auto* body = std::get_if<wire::DetachRequest>(&request.body)) {
-    asked->session->end();
-    scheduler_->wake_analysis(asked->session);
-    asked->detached = true;
-    if (body->discard && !asked->finished) {
-      asked->finished = true;
-      publish_end(*asked);
-    }
-    return wire::Detached{statistics(*asked)};
-  }
   return unsupported("This daemon does not do that while a session sounds.", "Detach, and attach again with other options.");
+}
+
+void Daemon::detach(Guest& leaving, bool discard, Goodbye goodbye) {
+  if (discard) leaving.session->discard();
+  leaving.session->end();
+  scheduler_->wake_analysis(leaving.session);
+  leaving.detached = true;
+  goodbye.since = std::chrono::steady_clock::now();
+  leaving.goodbyes.push_back(std::move(goodbye));
+  if (discard && !leaving.finished) {
+    leaving.finished = true;
+    publish_end(leaving);
+  }
 }
 
 wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body) {
@@ -262,7 +281,7 @@ void Daemon::handle(wire::StreamReceived& event) {
     if (Guest* sender = guest(event.topic)) {
       notify(*sender, envelope.error());
     } else {
-      spdlog::warn("stream message refused: {}", wire::to_string(envelope.error()));
+      complain("stream message", envelope.error());
     }
     return;
   }
@@ -411,6 +430,12 @@ void Daemon::serve(const std::string& id, Guest& served) {
     }
   }
   acknowledge(served);
+  // The last figures are told when every frame is accounted for.
+  std::erase_if(served.goodbyes, [&](const Goodbye& goodbye) {
+    if (served.session->waiting() && std::chrono::steady_clock::now() - goodbye.since < kDetachWait) return false;
+    sockets_->send_control(goodbye.peer, wire::encode_reply(goodbye.request_id, wire::Detached{statistics(served)}));
+    return true;
+  });
   int blocks = 0;
   while (blocks < kBlocksAtATime && served.session->take_audio(served.session->options().block_size, block_)) {
     publish_pcm(served, block_);
@@ -498,7 +523,7 @@ void Daemon::let_go() {
       kept.detached = true;
       kept.last_heard = now;
     }
-    if (kept.finished && (kept.detached || now - kept.finished_at > kFinishedKept)) {
+    if (kept.finished && kept.goodbyes.empty() && (kept.detached || now - kept.finished_at > kFinishedKept)) {
       scheduler_->remove(*kept.session);
       entry = guests_.erase(entry);
     } else {

@@ -56,6 +56,12 @@ class Daemon {
     Instant last_sent{};
     std::uint64_t unsent = 0;
   };
+  /// A detach that waits for its answer.
+  struct Goodbye {
+    wire::ControlPeer peer;
+    std::uint64_t request_id;
+    Instant since{};
+  };
   struct Guest {
     Guest(std::shared_ptr<session::Session> its_session, std::string its_name, bool by_control)
         : session(std::move(its_session)), decoder(session->options()), name(std::move(its_name)), attached(by_control) {}
@@ -73,6 +79,7 @@ class Daemon {
     std::map<std::string, NoticeTally> notices;                 ///< by code
     Instant last_heard{}, finished_at{}, credited_at{};
     bool finished = false;
+    std::vector<Goodbye> goodbyes;
   };
   /// A publisher that has not announced itself: what it said so far, in case it never does.
   struct Stranger {
@@ -88,7 +95,10 @@ class Daemon {
 
   wire::ControlReply answer(const wire::ControlRequest& request);
   wire::ControlReply attach(const wire::ControlRequest& request, const wire::AttachRequest& body);
+  void detach(Guest& leaving, bool discard, Goodbye goodbye);
   wire::ControlReply pack_list() const;
+  /// Logs what belongs to no session, a line a second at most.
+  void complain(std::string_view what, const wire::Error& error);
   std::optional<wire::Error> check_material(const std::string& material, const std::string& surface,
                                             std::string field) const;
 
@@ -116,6 +126,7 @@ class Daemon {
   std::map<std::string, Stranger> strangers_;
   std::unique_ptr<session::Scheduler> scheduler_;
   session::AudioBlock block_;
+  NoticeTally complaints_;
   std::uint64_t next_name_ = 1;
 };
 

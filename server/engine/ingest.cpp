@@ -15,6 +15,7 @@ namespace {
 using synthesis::kQuantum;
 using synthesis::SampleTime;
 
+constexpr double kMostSilence_s = 600;  // between frames of the simulation clock
 constexpr double kDefaultDistance_m = 1.0;
 constexpr double kDefaultElevation_rad = 30.0 * 3.14159265358979323846 / 180.0;
 
@@ -98,7 +99,7 @@ Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch)
   auto pack = packs_->load(material, surface, rate);
   if (!pack) {
     return tl::unexpected(
-        Refusal{Refusal::Cause::kUnknownMaterial, "sheet.material", pack.error().message, pack.error().remedy});
+        Refusal{Refusal::Cause::kUnknownMaterial, "sheet.material", pack.error().message + ".", pack.error().remedy});
   }
   auto& state = sheets_[description.id];
   if (!known) {
@@ -131,6 +132,12 @@ Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
         Refusal::Cause::kTimeOrder, "frame.time_s",
         fmt::format("Sheet {} has been at {} s already; {} s is not later.", sent.sheet, state.newest->time_s, sent.time_s),
         "Send each sheet's frames in order of time."});
+  }
+  if (!live_ && sent.time_s > newest_s_ + kMostSilence_s) {
+    return tl::unexpected(Refusal{Refusal::Cause::kTimeOrder, "frame.time_s",
+                                  fmt::format("A frame at {} s, after {} s, would mean {:.0f} s of silence.", sent.time_s,
+                                              newest_s_, sent.time_s - newest_s_),
+                                  "Send times in seconds, and begin the session at its first frame (time_origin_s)."});
   }
   sheet::MeshFrame frame = sent;
   if (frame.tear_tips.empty()) frame.tear_tips = std::exchange(state.tips, {});
@@ -220,12 +227,12 @@ void Ingest::plan_listener(const scene::Listener& listener, double time_s, CueBa
 // --------------------------------------------------------------------------------------------------------------- time
 
 Ingest::Taken Ingest::take(const Advance& advance, CueBatch&) {
-  advanced_s_ = std::max(advanced_s_, advance.time_s);
+  advanced_s_ = std::max(advanced_s_, std::min(advance.time_s, newest_s_ + kMostSilence_s));
   return std::nullopt;
 }
 
 Ingest::Taken Ingest::take(const End& end, CueBatch& batch) {
-  advanced_s_ = std::max({advanced_s_, newest_s_, end.time_s.value_or(newest_s_)});
+  advanced_s_ = std::max({advanced_s_, newest_s_, std::min(end.time_s.value_or(newest_s_), newest_s_ + kMostSilence_s)});
   for (const auto& [id, state] : sheets_) planner_.end_sheet(id, std::max(earliest_, sample_of(newest_s_)), batch.cues);
   planner_.release(std::numeric_limits<SampleTime>::max(), batch.cues);
   batch.end = true;

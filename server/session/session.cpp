@@ -64,6 +64,19 @@ void Session::count_drop(const std::string& cause) {
   ++counters_.frames_dropped[cause];
 }
 
+void Session::discard() {
+  std::lock_guard lock(inbox_mutex_);
+  for (const auto& waiting : inbox_) {
+    if (std::holds_alternative<sheet::MeshFrame>(waiting.item)) ++counters_.frames_dropped["discarded"];
+  }
+  inbox_.clear();
+}
+
+bool Session::waiting() const {
+  std::lock_guard lock(inbox_mutex_);
+  return busy_ || !inbox_.empty();
+}
+
 void Session::end() {
   static_cast<void>(offer(engine::End{}, 0));
 }
@@ -114,6 +127,7 @@ bool Session::analyse() {
     if (!inbox_.empty()) {
       next = std::move(inbox_.front());
       inbox_.pop_front();
+      busy_ = true;
       waiting = true;
     }
   }
@@ -147,6 +161,7 @@ bool Session::analyse() {
   std::optional<observation::Observation> seen;
   {
     std::lock_guard lock(inbox_mutex_);
+    busy_ = false;
     if (!observed) {
       ++counters_.items_refused;
       if (frame != nullptr) ++counters_.frames_dropped["refused"];

@@ -70,6 +70,10 @@ class Session {
   [[nodiscard]] bool offer(engine::StreamItem item, std::uint64_t sequence);
   /// Counts a frame that was refused before it became an item.
   void count_drop(const std::string& cause);
+  /// Drops what waits, counted.
+  void discard();
+  /// Something has been offered that analysis has not finished with.
+  bool waiting() const;
   /// Ends the stream as an End item would, once.
   void end();
   std::vector<Outcome> take_outcomes();
@@ -126,6 +130,7 @@ class Session {
 
   mutable std::mutex inbox_mutex_;
   std::deque<Waiting> inbox_;
+  bool busy_ = false;  ///< an item has left the inbox and is being analysed
   Counters counters_;
   bool ended_ = false;
 

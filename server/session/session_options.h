@@ -22,7 +22,7 @@ enum class ClothFeatures : std::uint8_t { kCausal, kSymmetric, kGlobal };
 /// What a session is asked to be. `wire` has checked ranges; a 0 is settled by the daemon where it says so.
 struct SessionOptions {
   Clock clock = Clock::kLive;
-  double time_origin_s = 0;     ///< simulation time of the first sample, within ±1e9
+  double time_origin_s = 0;     ///< simulation time of the first sample, within ±1e10
   double metres_per_unit = 1;   ///< of the sender's lengths, 1e-6 to 1e6; what `wire` decodes is metres already
   UpAxis up_axis = UpAxis::kZ;  ///< of the sender; what `wire` decodes has z up already
   std::uint64_t seed = 0;

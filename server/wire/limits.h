@@ -33,7 +33,7 @@ struct Limits {
   std::size_t singular_points = 200'000;
   std::size_t gains = 1024;
 
-  double time_s = 1e9;         ///< |time|
+  double time_s = 1e10;        ///< |time|; the seconds since 1970 fit
   double position_m = 1e5;     ///< |coordinate|, material coordinates and sizes too
   double speed_m_per_s = 1e5;  ///< |component|
   double normal_force_n = 1e9;
