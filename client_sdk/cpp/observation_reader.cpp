@@ -1,6 +1,5 @@
 #include "client_sdk/cpp/observation_reader.h"
 
-#include <deque>
 #include <utility>
 
 #include "client_sdk/cpp/transport.h"
@@ -37,8 +36,7 @@ Observation from_wire(const v1::Observation& sent) {
 }  // namespace
 
 struct ObservationReader::Impl {
-  internal::Socket socket;
-  std::deque<std::vector<std::string>> waiting;
+  internal::Subscription subscription;
 };
 
 ObservationReader::ObservationReader(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -48,42 +46,18 @@ ObservationReader::~ObservationReader() = default;
 
 tl::expected<ObservationReader, Error> ObservationReader::listen(const Connection& connection,
                                                                  const std::string& session_id) {
-  internal::Link& link = *connection.link();
-  const std::string endpoint = link.out_endpoint();
-  if (endpoint.empty()) {
-    return tl::unexpected(
-        internal::local_error("unreachable", "The daemon names no endpoint to listen at.", "Give Endpoints::out."));
-  }
-  auto socket =
-      internal::Socket::connect(link.context(), internal::Socket::Role::kListener, endpoint, {.send = 0, .receive = 0});
-  if (!socket) return tl::unexpected(std::move(socket.error()));
-  auto impl = std::make_unique<Impl>(Impl{std::move(*socket), {}});
-  impl->socket.subscribe(session_id + "/observations");
-  std::vector<std::vector<std::string>> early;
-  if (!impl->socket.wait_subscribed(link.timeout(), early)) {
-    return tl::unexpected(internal::local_error("timeout",
-                                                "The daemon did not confirm the subscription at " + endpoint + " in time.",
-                                                "Check that the out endpoint can be reached from here."));
-  }
-  impl->waiting.assign(std::make_move_iterator(early.begin()), std::make_move_iterator(early.end()));
-  return ObservationReader(std::move(impl));
+  auto subscription = internal::Subscription::open(*connection.link(), session_id + "/observations", 0);
+  if (!subscription) return tl::unexpected(std::move(subscription.error()));
+  return ObservationReader(std::make_unique<Impl>(Impl{std::move(*subscription)}));
 }
 
 std::optional<Observation> ObservationReader::next(std::chrono::milliseconds timeout) {
   const auto deadline = internal::Clock::now() + timeout;
-  for (;;) {
-    std::vector<std::string> parts;
-    if (!impl_->waiting.empty()) {
-      parts = std::move(impl_->waiting.front());
-      impl_->waiting.pop_front();
-    } else {
-      parts = impl_->socket.receive_until(deadline);
-      if (parts.empty()) return std::nullopt;
-    }
+  while (const auto body = impl_->subscription.next(deadline)) {
     v1::OutMessage message;
-    if (parts.size() == 2 && message.ParseFromString(parts[1]) && message.has_observation())
-      return from_wire(message.observation());
+    if (message.ParseFromString(*body) && message.has_observation()) return from_wire(message.observation());
   }
+  return std::nullopt;
 }
 
 }  // namespace rustle::client

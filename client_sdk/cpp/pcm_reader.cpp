@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
-#include <deque>
 #include <utility>
 
 #include "client_sdk/cpp/transport.h"
@@ -12,8 +11,6 @@ static_assert(std::endian::native == std::endian::little, "samples are copied as
 
 namespace rustle::client {
 namespace {
-
-using internal::Socket;
 
 std::string topic_of(const std::string& session_id, const ListenOptions& options) {
   std::string topic = session_id + "/pcm/";
@@ -55,15 +52,14 @@ bool read_samples(const v1::Pcm& pcm, std::vector<float>& out) {
 }  // namespace
 
 struct PcmReader::Impl {
-  Socket socket;
-  std::deque<std::vector<std::string>> waiting;
+  internal::Subscription subscription;
   std::optional<std::int64_t> next_sample;
   std::uint64_t missing_samples = 0;
   std::uint64_t unreadable = 0;
 
-  std::optional<PcmBlock> read(const std::vector<std::string>& parts) {
+  std::optional<PcmBlock> read(const std::string& body) {
     v1::OutMessage message;
-    if (parts.size() != 2 || !message.ParseFromString(parts[1])) {
+    if (!message.ParseFromString(body)) {
       ++unreadable;
       return std::nullopt;
     }
@@ -116,39 +112,19 @@ tl::expected<PcmReader, Error> PcmReader::listen(const Connection& connection, c
                                                  const ListenOptions& options) {
   if (options.blocks < 1 || options.blocks > 4)
     return tl::unexpected(internal::local_error("invalid", "A message holds 1 to 4 blocks.", "Ask for 1 to 4.", "blocks"));
-  internal::Link& link = *connection.link();
-  const std::string endpoint = link.out_endpoint();
-  if (endpoint.empty())
-    return tl::unexpected(
-        internal::local_error("unreachable", "The daemon names no endpoint to listen at.", "Give Endpoints::out."));
-  auto socket = Socket::connect(link.context(), Socket::Role::kListener, endpoint,
-                                {.send = 0, .receive = options.queue_messages.value_or(4096)});
-  if (!socket) return tl::unexpected(std::move(socket.error()));
-  auto impl = std::make_unique<Impl>(
-      Impl{.socket = std::move(*socket), .waiting = {}, .next_sample = {}, .missing_samples = 0, .unreadable = 0});
-  impl->socket.subscribe(topic_of(session_id, options));
-  std::vector<std::vector<std::string>> early;
-  if (!impl->socket.wait_subscribed(link.timeout(), early))
-    return tl::unexpected(internal::local_error("timeout",
-                                                "The daemon did not confirm the subscription at " + endpoint + " in time.",
-                                                "Check that the out endpoint can be reached from here."));
-  impl->waiting.assign(std::make_move_iterator(early.begin()), std::make_move_iterator(early.end()));
-  return PcmReader(std::move(impl));
+  auto subscription =
+      internal::Subscription::open(*connection.link(), topic_of(session_id, options), options.queue_messages.value_or(4096));
+  if (!subscription) return tl::unexpected(std::move(subscription.error()));
+  return PcmReader(std::make_unique<Impl>(
+      Impl{.subscription = std::move(*subscription), .next_sample = {}, .missing_samples = 0, .unreadable = 0}));
 }
 
 std::optional<PcmBlock> PcmReader::next(std::chrono::milliseconds timeout) {
   const auto deadline = internal::Clock::now() + timeout;
-  while (true) {
-    std::vector<std::string> parts;
-    if (!impl_->waiting.empty()) {
-      parts = std::move(impl_->waiting.front());
-      impl_->waiting.pop_front();
-    } else {
-      parts = impl_->socket.receive_until(deadline);
-      if (parts.empty()) return std::nullopt;
-    }
-    if (auto block = impl_->read(parts)) return block;
+  while (const auto body = impl_->subscription.next(deadline)) {
+    if (auto block = impl_->read(*body)) return block;
   }
+  return std::nullopt;
 }
 
 std::uint64_t PcmReader::missing_samples() const {

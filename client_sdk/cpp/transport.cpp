@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cerrno>
 #include <cstring>
+#include <iterator>
 #include <utility>
 
 #include <zmq.h>
@@ -342,6 +343,37 @@ void Link::tell(v1::ControlRequest& request) {
   const std::lock_guard lock(mutex_);
   request.set_request_id(next_request_++);
   control_.send(request, std::chrono::milliseconds(0));
+}
+
+tl::expected<Subscription, Error> Subscription::open(Link& link, const std::string& topic, int queue) {
+  const std::string endpoint = link.out_endpoint();
+  if (endpoint.empty())
+    return tl::unexpected(local_error("unreachable", "The daemon names no endpoint to listen at.", "Give Endpoints::out."));
+  auto socket = Socket::connect(link.context(), Socket::Role::kListener, endpoint, {.send = 0, .receive = queue});
+  if (!socket) return tl::unexpected(std::move(socket.error()));
+  Subscription made(std::move(*socket));
+  made.socket_.subscribe(topic);
+  std::vector<std::vector<std::string>> early;
+  if (!made.socket_.wait_subscribed(link.timeout(), early))
+    return tl::unexpected(local_error("timeout", "The daemon did not confirm the subscription at " + endpoint + " in time.",
+                                      "Check that the out endpoint can be reached from here."));
+  made.early_.assign(std::make_move_iterator(early.begin()), std::make_move_iterator(early.end()));
+  return made;
+}
+
+std::optional<std::string> Subscription::next(Clock::time_point deadline) {
+  for (;;) {
+    std::vector<std::string> parts;
+    if (!early_.empty()) {
+      parts = std::move(early_.front());
+      early_.pop_front();
+    } else {
+      parts = socket_.receive_until(deadline);
+      if (parts.empty()) return std::nullopt;
+    }
+    if (parts.size() == 2) return std::move(parts[1]);
+    ++malformed_;
+  }
 }
 
 }  // namespace internal

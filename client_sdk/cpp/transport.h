@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -107,6 +108,25 @@ class Link {
   const Endpoints endpoints_;
   const std::chrono::milliseconds timeout_;
   std::uint64_t next_request_ = 1;
+};
+
+/// One topic of the out socket. One thread at a time.
+class Subscription {
+ public:
+  /// Returns when the daemon has the subscription: what is published from then on is not missed. `queue` messages wait here;
+  /// 0: no limit.
+  [[nodiscard]] static tl::expected<Subscription, Error> open(Link& link, const std::string& topic, int queue);
+
+  /// The next message's body; empty when none came by then.
+  std::optional<std::string> next(Clock::time_point deadline);
+  std::uint64_t malformed() const { return malformed_; }
+
+ private:
+  explicit Subscription(Socket socket) : socket_(std::move(socket)) {}
+
+  Socket socket_;
+  std::deque<std::vector<std::string>> early_;
+  std::uint64_t malformed_ = 0;
 };
 
 }  // namespace rustle::client::internal

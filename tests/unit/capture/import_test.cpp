@@ -488,7 +488,8 @@ TEST_CASE("real simulator output imports whole", "[captures]") {
       {"blender_shake", 240, 1, 609, 609, 1120, 1120, 0, 0},   {"blender_table", 240, 1, 609, 609, 1120, 1120, 1, 0}};
   const ScratchFolder folder;
   for (const Case& each : cases) {
-    const std::filesystem::path input = std::filesystem::path("/work/shared/captures") / fmt::format("{}.npz", each.name);
+    const std::filesystem::path input =
+        std::filesystem::path(RUSTLE_SOURCE_DIR) / "../shared/captures" / fmt::format("{}.npz", each.name);
     if (!std::filesystem::exists(input)) {
       WARN(input << " is absent");
       continue;
