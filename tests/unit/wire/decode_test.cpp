@@ -201,7 +201,7 @@ TEST_CASE("what is wrong with a frame is named", "[wire][decode]") {
     }
   }
   SECTION("time out of range or no number") {
-    frame->set_time_s(2e9);
+    frame->set_time_s(2e10);
     require_error(decode(decoder, sent), ErrorCode::kOutOfRange, "frame.time_s");
     frame->set_time_s(std::nan(""));
     require_error(decode(decoder, sent), ErrorCode::kNotFinite, "frame.time_s");

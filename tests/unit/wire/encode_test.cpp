@@ -191,7 +191,7 @@ TEST_CASE("session options out of range are named", "[wire][options]") {
   sent.set_metres_per_unit(std::nan(""));
   refused(ErrorCode::kNotFinite, "o.metres_per_unit");
   sent.set_metres_per_unit(1);
-  sent.set_time_origin_s(1e10);
+  sent.set_time_origin_s(-2e10);
   refused(ErrorCode::kOutOfRange, "o.time_origin_s");
   sent.set_time_origin_s(0);
   sent.set_playout_delay_s(-1);
