@@ -7,6 +7,11 @@
 
 set(RUSTLE_SANITIZE "" CACHE STRING "Sanitizers to build with, as -fsanitize= takes them")
 
+# What the sanitizers report of Debian's libraries.
+set(RUSTLE_TEST_ENVIRONMENT
+  "TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/tsan.supp"
+  "LSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/lsan.supp")
+
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)
@@ -61,7 +66,7 @@ function(rustle_unit_tests module)
   rustle_program(test_${module} SOURCES ${sources} DEPENDS ${module} test_support ${arg_DEPENDS} LIBRARIES ${arg_LIBRARIES})
   set_target_properties(test_${module} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
   add_test(NAME unit.${module} COMMAND test_${module})
-  set_tests_properties(unit.${module} PROPERTIES TIMEOUT 600)
+  set_tests_properties(unit.${module} PROPERTIES TIMEOUT 600 ENVIRONMENT "${RUSTLE_TEST_ENVIRONMENT}")
 endfunction()
 
 function(rustle_write_layers file)
