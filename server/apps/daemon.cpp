@@ -159,7 +159,8 @@ void Daemon::detach(Guest& leaving, bool discard, Goodbye goodbye) {
 wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body) {
   std::string id = request.session_id;
   if (id.empty()) {
-    const std::string stem = wire::valid_session_id(body.name) ? body.name.substr(0, 64) : "session";
+    const std::string name = body.name.substr(0, 64);
+    const std::string stem = wire::valid_session_id(name) ? name : "session";
     id = stem;
     while (guests_.contains(id)) id = fmt::format("{}-{}", stem, ++next_name_);
   } else if (guests_.contains(id)) {

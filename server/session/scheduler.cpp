@@ -74,7 +74,7 @@ void Scheduler::run_analysis() {
       session->analysis_scheduled.store(false);
       if (session->wants_analysis()) wake_analysis(session);  // something came while the last look was taken
     }
-    wake_render();
+    if (!session->held_back()) wake_render();  // else it is the render side that must come first
     audio_ready_();
     lock.lock();
   }

@@ -208,7 +208,7 @@ void Session::hand_over(std::unique_ptr<engine::CueBatch> batch) {
 bool Session::wants_analysis() const {
   if (quiet_.load()) return true;
   std::lock_guard lock(inbox_mutex_);
-  return !inbox_.empty() && !held_back_.load(std::memory_order_acquire);
+  return !inbox_.empty() && !held_back();
 }
 
 // ------------------------------------------------------------------------------------------------------ render worker
@@ -241,7 +241,7 @@ Session::RenderOutcome Session::render() {
     // What is left over waits for room on the listener's side.
     if (render_.position() + kQuantum <= render_.horizon()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
   }
-  outcome.wants_analysis |= held_back_.load(std::memory_order_acquire);
+  outcome.wants_analysis |= held_back() && render_.position() + kQuantum > render_.horizon();
   if (render_.ending() && !render_.complete()) {
     render_quanta_until(render_.position() + options_.rate_hz, outcome);
     if (!render_.complete() && !live()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);

@@ -91,6 +91,8 @@ class Session {
 
   /// Takes one item from the inbox. False: there was none, or the render side has no room for its cues yet.
   bool analyse();
+  /// The render side has no room for the cues of the last item. [any thread]
+  bool held_back() const { return held_back_.load(std::memory_order_acquire); }
   /// analyse() would do something. [any thread]
   bool wants_analysis() const;
 
