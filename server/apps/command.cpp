@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -13,6 +14,10 @@ namespace rustle::apps {
 int complain(std::string_view message, ExitStatus status) {
   fmt::print(stderr, "rustle: {}\n", message);
   return status;
+}
+
+std::string level_text(double amplitude) {
+  return amplitude > 0 ? fmt::format("{:.1f} dBFS", 20 * std::log10(amplitude)) : "silence";
 }
 
 std::string output_conflict(const std::vector<std::string>& inputs, const std::vector<std::string>& outputs) {

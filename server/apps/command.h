@@ -31,6 +31,9 @@ void warn(std::string_view message);
 /// Why these files cannot all be written: one is an input, or two are the same. Empty: they can.
 std::string output_conflict(const std::vector<std::string>& inputs, const std::vector<std::string>& outputs);
 
+/// "-12.3 dBFS", or "silence" for 0.
+std::string level_text(double amplitude);
+
 /// From now on SIGINT and SIGTERM only set what interrupted() tells.
 void catch_interrupts();
 bool interrupted();

@@ -281,8 +281,7 @@ int run(const DemoArguments& arguments) {
     return complain(drawn.error(), kFailed);
   float peak = 0;
   for (const float x : heard.interleaved) peak = std::max(peak, std::abs(x));
-  fmt::print("{}: {:.1f} s, peak {:.1f} dBFS; {}: its spectrogram\n", wav_name, sound.duration_s(),
-             20 * std::log10(std::max(peak, 1e-15f)), picture_name);
+  fmt::print("{}: {:.1f} s, peak {}; {}: its spectrogram\n", wav_name, sound.duration_s(), level_text(peak), picture_name);
   return kDone;
 }
 

@@ -94,9 +94,8 @@ int run(const ListenArguments& arguments) {
   if (wav) {
     if (auto closed = wav->close(); !closed) return complain(closed.error(), kFailed);
   }
-  fmt::print("{}: {:.2f} s, peak {:.1f} dBFS, {} samples missing\n", session,
-             rate == 0 ? 0.0 : static_cast<double>(samples) / rate, 20 * std::log10(std::max(peak, 1e-15f)),
-             reader->missing_samples());
+  fmt::print("{}: {:.2f} s, peak {}, {} samples missing\n", session, rate == 0 ? 0.0 : static_cast<double>(samples) / rate,
+             level_text(peak), reader->missing_samples());
   return reader->missing_samples() == 0 ? kDone : kFailed;
 }
 

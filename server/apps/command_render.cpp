@@ -262,11 +262,10 @@ int run(const RenderArguments& arguments) {
                            .dump());
   } else {
     fmt::print(
-        "{}: {:.2f} s from {} frames, {} crumpling events, {} friction episodes, {} tears; peak {:.1f} dBFS, RMS {:.1f} "
-        "dBFS; "
+        "{}: {:.2f} s from {} frames, {} crumpling events, {} friction episodes, {} tears; peak {}, RMS {}; "
         "rendered in {:.2f} s, {:.0f}x real time\n",
         arguments.output, seconds, source->frames(), by_kind["crumpling"], by_kind["friction"], by_kind["tearing"],
-        dbfs(peak), dbfs(rms), elapsed_s, seconds / std::max(elapsed_s, 1e-9));
+        level_text(peak), level_text(rms), elapsed_s, seconds / std::max(elapsed_s, 1e-9));
   }
   for (const auto& notice : notices) warn(notice);
   return notices.empty() ? kDone : kFailed;
@@ -284,7 +283,7 @@ void add_render(CLI::App& app, Action& action) {
   command->add_option("CAPTURE", arguments->capture, "The capture (.mcap)")->required();
   command->add_option("-o,--output", arguments->output, "The WAV file to write")->required();
   command->add_option("--material", arguments->material, "Material of every sheet, such as printer-paper");
-  command->add_option("--seed", arguments->seed, "Seed of everything random");
+  command->add_option("--seed", arguments->seed, "Seed of everything random; the capture's own when absent, else 0");
   command->add_option("--block-size", arguments->block_size, "Samples handed on at a time; changes no sample")
       ->check(CLI::Range(1, 1 << 20))
       ->capture_default_str();
@@ -293,13 +292,16 @@ void add_render(CLI::App& app, Action& action) {
       ->capture_default_str();
   command->add_option("--channels", arguments->channels, "mono or stereo; the capture's own when absent, else stereo")
       ->check(CLI::IsMember({"mono", "stereo"}));
-  command->add_option("--mode", arguments->mode, "published: the papers' formulas as printed")
+  command
+      ->add_option("--mode", arguments->mode,
+                   "corrected, or published: the papers' formulas as printed; the capture's own when absent, else corrected")
       ->check(CLI::IsMember({"published", "corrected"}));
   command->add_option("--listener", arguments->listener, "Where it is heard, x,y,z in metres, z up");
   command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")
       ->check(CLI::Range(-120.0, 60.0))
       ->capture_default_str();
-  command->add_option("--rate", arguments->rate_hz, "Sample rate in Hz")->check(CLI::IsMember({44100, 48000, 96000}));
+  command->add_option("--rate", arguments->rate_hz, "Sample rate in Hz; the capture's own when absent, else 48000")
+      ->check(CLI::IsMember({44100, 48000, 96000}));
   command->add_option("--format", arguments->format, "Sample format")
       ->check(CLI::IsMember({"f32", "s16", "s24"}))
       ->capture_default_str();
