@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cassert>
 #include <limits>
+#include <tuple>
+#include <type_traits>
 
 namespace rustle::capture {
 namespace {
@@ -61,21 +63,109 @@ void append_map(std::string& out, const std::map<std::uint16_t, std::uint64_t>& 
   }
 }
 
-std::map<std::string, std::string> take_map(FieldReader& fields) {
-  std::map<std::string, std::string> entries;
+/// Bytes with a length of 64 bits before them, and bytes up to the record's end.
+template <typename View>
+struct LongBytes {
+  View& bytes;
+};
+template <typename View>
+struct RestOfBytes {
+  View& bytes;
+};
+
+/// The fields of a record in the order in which they lie in the file: what is written and read goes by this list.
+template <typename Kind>
+auto fields_of(Kind& record) {
+  using Plain = std::remove_const_t<Kind>;
+  if constexpr (std::is_same_v<Plain, McapHeader>) {
+    return std::tie(record.profile, record.library);
+  } else if constexpr (std::is_same_v<Plain, McapSchema>) {
+    return std::tie(record.id, record.name, record.encoding, record.data);
+  } else if constexpr (std::is_same_v<Plain, McapChannel>) {
+    return std::tie(record.id, record.schema_id, record.topic, record.message_encoding, record.metadata);
+  } else if constexpr (std::is_same_v<Plain, McapMessage>) {
+    return std::tuple_cat(std::tie(record.channel_id, record.sequence, record.log_time_ns, record.publish_time_ns),
+                          std::tuple(RestOfBytes<decltype((record.data))>{record.data}));
+  } else if constexpr (std::is_same_v<Plain, McapChunk>) {
+    return std::tuple_cat(std::tie(record.start_time_ns, record.end_time_ns, record.uncompressed_size,
+                                   record.uncompressed_crc, record.compression),
+                          std::tuple(LongBytes<decltype((record.records))>{record.records}));
+  } else if constexpr (std::is_same_v<Plain, McapChunkIndex>) {
+    return std::tie(record.start_time_ns, record.end_time_ns, record.chunk_start, record.chunk_length,
+                    record.message_index_offsets, record.message_index_length, record.compression, record.compressed_size,
+                    record.uncompressed_size);
+  } else if constexpr (std::is_same_v<Plain, McapMetadata>) {
+    return std::tie(record.name, record.entries);
+  } else if constexpr (std::is_same_v<Plain, McapMetadataIndex>) {
+    return std::tie(record.offset, record.length, record.name);
+  } else if constexpr (std::is_same_v<Plain, McapStatistics>) {
+    return std::tie(record.message_count, record.schema_count, record.channel_count, record.attachment_count,
+                    record.metadata_count, record.chunk_count, record.start_time_ns, record.end_time_ns,
+                    record.channel_message_counts);
+  } else {
+    static_assert(std::is_same_v<Plain, McapFooter>);
+    return std::tie(record.summary_start, record.summary_offset_start, record.summary_crc);
+  }
+}
+
+template <typename Value>
+void append_field(std::string& out, const Value& value) {
+  if constexpr (std::is_arithmetic_v<Value>) {
+    append_value(out, value);
+  } else if constexpr (std::is_convertible_v<Value, std::string_view>) {
+    append_string(out, value);
+  } else {
+    append_map(out, value);
+  }
+}
+template <typename View>
+void append_field(std::string& out, const LongBytes<View>& field) {
+  append_value(out, static_cast<std::uint64_t>(field.bytes.size()));
+  out.append(field.bytes);
+}
+template <typename View>
+void append_field(std::string& out, const RestOfBytes<View>& field) {
+  out.append(field.bytes);
+}
+
+template <typename Kind>
+void append_record(std::string& out, McapOpcode opcode, const Kind& content) {
+  const Record record(out, opcode);
+  std::apply([&](const auto&... field) { (append_field(out, field), ...); }, fields_of(content));
+}
+
+void take_field(FieldReader& fields, std::map<std::string, std::string>& entries) {
   FieldReader inner(fields.string());
   while (!inner.failed() && !inner.rest().empty()) {
     const std::string_view key = inner.string();
     const std::string_view value = inner.string();
     if (!inner.failed()) entries.emplace(key, value);
   }
-  return entries;
+}
+template <typename Value>
+void take_field(FieldReader& fields, Value& value) {
+  if constexpr (std::is_arithmetic_v<Value>) {
+    value = fields.value<Value>();
+  } else {
+    value = fields.string();
+  }
+}
+template <typename View>
+void take_field(FieldReader& fields, LongBytes<View>& field) {
+  field.bytes = fields.bytes(fields.value<std::uint64_t>());
+}
+template <typename View>
+void take_field(FieldReader& fields, RestOfBytes<View>& field) {
+  field.bytes = fields.rest();
 }
 
-template <typename Parsed>
-std::optional<Parsed> unless_failed(const FieldReader& fields, Parsed parsed) {
+template <typename Kind>
+std::optional<Kind> parse_record(std::string_view content) {
+  FieldReader fields(content);
+  Kind record;
+  std::apply([&](auto&&... field) { (take_field(fields, field), ...); }, fields_of(record));
   if (fields.failed()) return std::nullopt;
-  return parsed;
+  return record;
 }
 
 }  // namespace
@@ -92,46 +182,23 @@ std::uint32_t crc32_of(std::string_view bytes, std::uint32_t crc) {
 }
 
 void append_header(std::string& out, const McapHeader& header) {
-  const Record record(out, McapOpcode::kHeader);
-  append_string(out, header.profile);
-  append_string(out, header.library);
+  append_record(out, McapOpcode::kHeader, header);
 }
 
 void append_schema(std::string& out, const McapSchema& schema) {
-  const Record record(out, McapOpcode::kSchema);
-  append_value(out, schema.id);
-  append_string(out, schema.name);
-  append_string(out, schema.encoding);
-  append_string(out, schema.data);
+  append_record(out, McapOpcode::kSchema, schema);
 }
 
 void append_channel(std::string& out, const McapChannel& channel) {
-  const Record record(out, McapOpcode::kChannel);
-  append_value(out, channel.id);
-  append_value(out, channel.schema_id);
-  append_string(out, channel.topic);
-  append_string(out, channel.message_encoding);
-  append_map(out, channel.metadata);
+  append_record(out, McapOpcode::kChannel, channel);
 }
 
 void append_message(std::string& out, const McapMessage& message) {
-  const Record record(out, McapOpcode::kMessage);
-  append_value(out, message.channel_id);
-  append_value(out, message.sequence);
-  append_value(out, message.log_time_ns);
-  append_value(out, message.publish_time_ns);
-  out.append(message.data);
+  append_record(out, McapOpcode::kMessage, message);
 }
 
 void append_chunk(std::string& out, const McapChunk& chunk) {
-  const Record record(out, McapOpcode::kChunk);
-  append_value(out, chunk.start_time_ns);
-  append_value(out, chunk.end_time_ns);
-  append_value(out, chunk.uncompressed_size);
-  append_value(out, chunk.uncompressed_crc);
-  append_string(out, chunk.compression);
-  append_value(out, static_cast<std::uint64_t>(chunk.records.size()));
-  out.append(chunk.records);
+  append_record(out, McapOpcode::kChunk, chunk);
 }
 
 void append_message_index(std::string& out, std::uint16_t channel_id, const McapMessageIndex& index) {
@@ -145,42 +212,19 @@ void append_message_index(std::string& out, std::uint16_t channel_id, const Mcap
 }
 
 void append_chunk_index(std::string& out, const McapChunkIndex& index) {
-  const Record record(out, McapOpcode::kChunkIndex);
-  append_value(out, index.start_time_ns);
-  append_value(out, index.end_time_ns);
-  append_value(out, index.chunk_start);
-  append_value(out, index.chunk_length);
-  append_map(out, index.message_index_offsets);
-  append_value(out, index.message_index_length);
-  append_string(out, index.compression);
-  append_value(out, index.compressed_size);
-  append_value(out, index.uncompressed_size);
+  append_record(out, McapOpcode::kChunkIndex, index);
 }
 
 void append_metadata(std::string& out, const McapMetadata& metadata) {
-  const Record record(out, McapOpcode::kMetadata);
-  append_string(out, metadata.name);
-  append_map(out, metadata.entries);
+  append_record(out, McapOpcode::kMetadata, metadata);
 }
 
 void append_metadata_index(std::string& out, const McapMetadataIndex& index) {
-  const Record record(out, McapOpcode::kMetadataIndex);
-  append_value(out, index.offset);
-  append_value(out, index.length);
-  append_string(out, index.name);
+  append_record(out, McapOpcode::kMetadataIndex, index);
 }
 
 void append_statistics(std::string& out, const McapStatistics& statistics) {
-  const Record record(out, McapOpcode::kStatistics);
-  append_value(out, statistics.message_count);
-  append_value(out, statistics.schema_count);
-  append_value(out, statistics.channel_count);
-  append_value(out, statistics.attachment_count);
-  append_value(out, statistics.metadata_count);
-  append_value(out, statistics.chunk_count);
-  append_value(out, statistics.start_time_ns);
-  append_value(out, statistics.end_time_ns);
-  append_map(out, statistics.channel_message_counts);
+  append_record(out, McapOpcode::kStatistics, statistics);
 }
 
 void append_summary_offset(std::string& out, McapOpcode group, std::uint64_t start, std::uint64_t length) {
@@ -205,72 +249,31 @@ void append_footer(std::string& out, std::size_t crc_start, McapFooter footer) {
 }
 
 std::optional<McapHeader> parse_header(std::string_view content) {
-  FieldReader fields(content);
-  McapHeader header;
-  header.profile = fields.string();
-  header.library = fields.string();
-  return unless_failed(fields, std::move(header));
+  return parse_record<McapHeader>(content);
 }
 
 std::optional<McapSchema> parse_schema(std::string_view content) {
-  FieldReader fields(content);
-  McapSchema schema;
-  schema.id = fields.value<std::uint16_t>();
-  schema.name = fields.string();
-  schema.encoding = fields.string();
-  schema.data = fields.string();
-  return unless_failed(fields, std::move(schema));
+  return parse_record<McapSchema>(content);
 }
 
 std::optional<McapChannel> parse_channel(std::string_view content) {
-  FieldReader fields(content);
-  McapChannel channel;
-  channel.id = fields.value<std::uint16_t>();
-  channel.schema_id = fields.value<std::uint16_t>();
-  channel.topic = fields.string();
-  channel.message_encoding = fields.string();
-  channel.metadata = take_map(fields);
-  return unless_failed(fields, std::move(channel));
+  return parse_record<McapChannel>(content);
 }
 
 std::optional<McapMessage> parse_message(std::string_view content) {
-  FieldReader fields(content);
-  McapMessage message;
-  message.channel_id = fields.value<std::uint16_t>();
-  message.sequence = fields.value<std::uint32_t>();
-  message.log_time_ns = fields.value<std::uint64_t>();
-  message.publish_time_ns = fields.value<std::uint64_t>();
-  message.data = fields.rest();
-  return unless_failed(fields, message);
+  return parse_record<McapMessage>(content);
 }
 
 std::optional<McapChunk> parse_chunk(std::string_view content) {
-  FieldReader fields(content);
-  McapChunk chunk;
-  chunk.start_time_ns = fields.value<std::uint64_t>();
-  chunk.end_time_ns = fields.value<std::uint64_t>();
-  chunk.uncompressed_size = fields.value<std::uint64_t>();
-  chunk.uncompressed_crc = fields.value<std::uint32_t>();
-  chunk.compression = fields.string();
-  chunk.records = fields.bytes(fields.value<std::uint64_t>());
-  return unless_failed(fields, chunk);
+  return parse_record<McapChunk>(content);
 }
 
 std::optional<McapMetadata> parse_metadata(std::string_view content) {
-  FieldReader fields(content);
-  McapMetadata metadata;
-  metadata.name = fields.string();
-  metadata.entries = take_map(fields);
-  return unless_failed(fields, std::move(metadata));
+  return parse_record<McapMetadata>(content);
 }
 
 std::optional<McapFooter> parse_footer(std::string_view content) {
-  FieldReader fields(content);
-  McapFooter footer;
-  footer.summary_start = fields.value<std::uint64_t>();
-  footer.summary_offset_start = fields.value<std::uint64_t>();
-  footer.summary_crc = fields.value<std::uint32_t>();
-  return unless_failed(fields, footer);
+  return parse_record<McapFooter>(content);
 }
 
 }  // namespace rustle::capture

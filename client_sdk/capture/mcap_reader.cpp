@@ -115,7 +115,7 @@ McapReader::Got McapReader::skip(std::uint64_t count) {
 void McapReader::stop(std::string what) {
   ended_ = true;
   recovery_.complete = false;
-  recovery_.what = fmt::format("{}: {}; {} messages before it were read", file_name(), what, messages_);
+  recovery_.what = fmt::format("{}: {}; messages read before it: {}", file_name(), what, messages_);
 }
 
 void McapReader::stop_cut(std::string_view where) {

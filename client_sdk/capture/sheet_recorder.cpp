@@ -11,8 +11,9 @@ namespace rustle::capture {
 namespace {
 
 constexpr std::uint32_t kSheetId = 1;
-constexpr std::size_t kMaxVertices = 4'000'000;
-constexpr std::size_t kMaxTriangles = 8'000'000;
+// What a daemon and a render take.
+constexpr std::size_t kMaxVertices = 200'000;
+constexpr std::size_t kMaxTriangles = 200'000;
 constexpr double kMaxTime_s = 1e10;
 
 ImportError from_storage(const StorageError& error) {

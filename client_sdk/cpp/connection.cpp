@@ -38,10 +38,11 @@ Connection::Connection(std::shared_ptr<internal::Link> link) : link_(std::move(l
 
 tl::expected<Connection, Error> Connection::connect(const Endpoints& endpoints, std::chrono::milliseconds timeout) {
   auto context = std::make_shared<internal::Context>();
-  auto control =
-      internal::Socket::connect(context, internal::Socket::Role::kControl, endpoints.control, {.send = 256, .receive = 256});
+  auto monitor = std::make_unique<internal::ConnectionMonitor>();
+  auto control = internal::Socket::connect(context, internal::Socket::Role::kControl, endpoints.control,
+                                           {.send = 256, .receive = 256}, monitor.get());
   if (!control) return tl::unexpected(std::move(control.error()));
-  auto link = std::make_shared<Link>(std::move(context), std::move(*control), endpoints, timeout);
+  auto link = std::make_shared<Link>(std::move(context), std::move(*control), std::move(monitor), endpoints, timeout);
   auto server = say_hello(*link);
   if (!server) return tl::unexpected(std::move(server.error()));
   link->server = std::move(*server);
@@ -50,6 +51,10 @@ tl::expected<Connection, Error> Connection::connect(const Endpoints& endpoints, 
 
 const ServerInfo& Connection::server() const {
   return link_->server;
+}
+
+tl::expected<void, Error> Connection::check() const {
+  return link_->check();
 }
 
 tl::expected<ServerInfo, Error> Connection::ping() const {
@@ -152,10 +157,12 @@ tl::expected<RecordingInfo, Error> Connection::stop_recording(const std::string&
   return RecordingInfo{.file_name = stopped.file_name(), .messages = stopped.messages(), .bytes = stopped.bytes()};
 }
 
-tl::expected<Statistics, Error> Connection::detach(const std::string& session_id, bool discard) const {
+tl::expected<Statistics, Error> Connection::detach(const std::string& session_id, bool discard,
+                                                   std::uint64_t last_sequence) const {
   v1::ControlRequest request;
   request.set_session_id(session_id);
   request.mutable_detach()->set_discard(discard);
+  request.mutable_detach()->set_last_sequence(last_sequence);
   auto reply = link_->ask(request);
   if (!reply) return tl::unexpected(std::move(reply.error()));
   if (!reply->has_detached()) return tl::unexpected(unexpected_answer());

@@ -18,13 +18,17 @@ class Link;
 /// The control socket of a daemon: what is asked is answered. Copies share the connection. Any thread; requests take turns.
 class Connection {
  public:
-  /// Says hello and waits for the welcome. `timeout` holds for this and every later request.
+  /// Says hello and waits for the welcome. `timeout` holds for this and every later request; a daemon that goes away is
+  /// noticed within two seconds.
   /// Errors: "invalid" (endpoint), "unreachable" (nobody answers), protocol_version.
   [[nodiscard]] static tl::expected<Connection, Error> connect(
       const Endpoints& endpoints = {}, std::chrono::milliseconds timeout = std::chrono::milliseconds(5'000));
 
   const ServerInfo& server() const;
 
+  /// Whether the daemon is still there, without asking it: at once. Any thread.
+  /// Error: "unreachable", soon after its connection broke and did not come back.
+  [[nodiscard]] tl::expected<void, Error> check() const;
   /// Says hello again.
   [[nodiscard]] tl::expected<ServerInfo, Error> ping() const;
   [[nodiscard]] tl::expected<std::vector<PackInfo>, Error> list_packs() const;
@@ -42,8 +46,10 @@ class Connection {
   [[nodiscard]] tl::expected<std::string, Error> start_recording(const std::string& session_id,
                                                                  const std::string& file_name) const;
   [[nodiscard]] tl::expected<RecordingInfo, Error> stop_recording(const std::string& session_id) const;
-  /// `discard`: what was not yet rendered is dropped.
-  [[nodiscard]] tl::expected<Statistics, Error> detach(const std::string& session_id, bool discard = false) const;
+  /// `discard`: what was not yet rendered is dropped. Else the session ends once the stream's message `last_sequence` has
+  /// come; 0: at once.
+  [[nodiscard]] tl::expected<Statistics, Error> detach(const std::string& session_id, bool discard = false,
+                                                       std::uint64_t last_sequence = 0) const;
 
   /// For the SDK's own classes.
   const std::shared_ptr<internal::Link>& link() const { return link_; }

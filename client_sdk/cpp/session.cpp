@@ -16,6 +16,7 @@ using internal::Socket;
 using std::chrono::milliseconds;
 
 constexpr std::size_t kNoticesKept = 1024;
+constexpr milliseconds kLookEvery{50};
 constexpr int kLiveQueueMessages = 64;
 constexpr int kSimulationQueueMessages = 4096;
 
@@ -47,6 +48,9 @@ struct Session::Impl {
   milliseconds send_timeout{10'000};
   bool detached = false;
 
+  std::uint64_t breaks;             ///< of the control connection, when the session was last known to be there
+  std::optional<Error> ended{};     ///< by the daemon
+  std::uint64_t last_sequence = 0;  ///< of what was sent
   std::uint64_t next_sequence = 1;
   std::uint64_t sent_messages = 0;
   std::uint64_t dropped_messages = 0;
@@ -80,6 +84,9 @@ struct Session::Impl {
     if (parts.size() != 2 || !message.ParseFromString(parts[1])) return;
     if (message.has_credit()) take(message.credit());
     if (message.has_notice()) {
+      const v1::Notice& told = message.notice();
+      if (told.code() == "idle" || told.code() == "unknown_session")
+        ended = local_error(told.code(), told.message(), told.remedy(), told.field());
       if (notices.size() == kNoticesKept) notices.pop_front();
       notices.push_back(internal::read(message.notice()));
     }
@@ -97,22 +104,54 @@ struct Session::Impl {
     return window_bytes == 0 || under_way.empty() || bytes_under_way + bytes <= window_bytes;
   }
 
-  tl::expected<void, Error> wait_for_room(std::size_t bytes) {
-    const auto deadline = internal::Clock::now() + send_timeout;
-    while (!has_room(bytes)) {
+  /// Whether the session can still be there.
+  tl::expected<void, Error> check() {
+    if (ended) return tl::unexpected(*ended);
+    internal::Link& link = *connection.link();
+    if (auto there = link.check(); !there) return there;
+    // A daemon that came back may be another one. On the live clock its notices tell; a simulation would wait for credit.
+    const auto now = link.connection();
+    if (!simulation() || now.breaks == breaks || !now.connected) return {};
+    if (auto known = connection.statistics(id); !known) return tl::unexpected(std::move(known.error()));
+    breaks = now.breaks;
+    return {};
+  }
+
+  /// Takes answers until `reached`. Errors: those of check(), `late` after `timeout`.
+  template <typename Reached, typename Late>
+  tl::expected<void, Error> wait_until(milliseconds timeout, const Reached& reached, const Late& late) {
+    const auto deadline = internal::Clock::now() + timeout;
+    while (!reached()) {
       const milliseconds left = until(deadline);
-      if (left.count() == 0 || !answers.wait(left)) return tl::unexpected(no_credit());
+      if (left.count() == 0) return tl::unexpected(late());
+      answers.wait(std::min(left, kLookEvery));
       take_answers();
+      if (auto there = check(); !there) return there;
     }
     return {};
   }
 
-  Error no_credit() const {
+  Error no_credit(milliseconds waited) const {
     return local_error("timeout",
-                       "The daemon acknowledged nothing for " + std::to_string(send_timeout.count()) + " ms; " +
-                           std::to_string(under_way.size()) + " messages are under way, the newest acknowledged is " +
-                           std::to_string(acknowledged) + ".",
-                       "See whether rustled still runs, or allow more time with set_send_timeout().");
+                       "The daemon at " + connection.link()->control_endpoint() +
+                           " is there but acknowledged too little within " + std::to_string(waited.count()) +
+                           " ms: " + std::to_string(under_way.size()) +
+                           " messages are under way, the newest acknowledged is " + std::to_string(acknowledged) + ".",
+                       "See in rustled's log what it is busy with, or allow more time.");
+  }
+
+  /// Waits for room in the queue to the daemon.
+  tl::expected<void, Error> send_waiting(const v1::StreamMessage& message) {
+    const auto deadline = internal::Clock::now() + send_timeout;
+    while (!stream.send(id, message, std::min(until(deadline), kLookEvery))) {
+      if (auto there = check(); !there) return there;
+      if (until(deadline).count() == 0)
+        return tl::unexpected(local_error("timeout",
+                                          "The queue to the daemon at " + connection.link()->stream_endpoint() +
+                                              " stayed full for " + std::to_string(send_timeout.count()) + " ms.",
+                                          "See in rustled's log what it is busy with, or allow more time."));
+    }
+    return {};
   }
 
   v1::StreamMessage begin() const {
@@ -125,6 +164,7 @@ struct Session::Impl {
   SendResult send(v1::StreamMessage& message, bool wait_on_live, bool numbered = false) {
     if (detached) return tl::unexpected(local_error("closed", "The session was detached.", "Attach a new one."));
     take_answers();
+    if (auto there = check(); !there) return tl::unexpected(std::move(there.error()));
     if (!numbered) {
       message.set_sequence(next_sequence);
       message.set_sent_at_s(std::chrono::duration<double>(internal::Clock::now().time_since_epoch()).count());
@@ -136,19 +176,19 @@ struct Session::Impl {
                                             std::to_string(internal::kMessageBytes) + ".",
                                         "Send a coarser mesh, or several smaller ones."));
     if (simulation()) {
-      if (const auto room = wait_for_room(bytes); !room) return tl::unexpected(room.error());
+      auto room = wait_until(
+          send_timeout, [&] { return has_room(bytes); }, [&] { return no_credit(send_timeout); });
+      if (!room) return tl::unexpected(std::move(room.error()));
     }
-    const bool wait = simulation() || wait_on_live;
     const std::uint64_t sequence = message.sequence();
-    if (!stream.send(id, message, wait ? send_timeout : milliseconds(0))) {
-      if (wait)
-        return tl::unexpected(local_error(
-            "timeout", "The queue to the daemon stayed full for " + std::to_string(send_timeout.count()) + " ms.",
-            "See whether rustled still runs, or allow more time with set_send_timeout()."));
+    if (simulation() || wait_on_live) {
+      if (auto sent = send_waiting(message); !sent) return tl::unexpected(std::move(sent.error()));
+    } else if (!stream.send(id, message, milliseconds(0))) {
       ++dropped_messages;
       next_sequence = std::max(next_sequence, sequence + 1);
       return Sent::kDropped;
     }
+    last_sequence = std::max(last_sequence, sequence);
     ++sent_messages;
     if (sequence > 0) {
       next_sequence = std::max(next_sequence, sequence + 1);
@@ -175,7 +215,7 @@ Session::~Session() {
   if (impl_ == nullptr || impl_->detached) return;
   v1::ControlRequest request;
   request.set_session_id(impl_->id);
-  request.mutable_detach();
+  request.mutable_detach()->set_last_sequence(impl_->last_sequence);
   impl_->connection.link()->tell(request);
 }
 
@@ -194,6 +234,7 @@ tl::expected<Session, Error> Session::attach(const Connection& connection, const
   for (const SheetOptions& sheet : options.sheets) internal::write(sheet, attach->add_sheets());
   auto reply = link.ask(request);
   if (!reply) return tl::unexpected(std::move(reply.error()));
+  const std::uint64_t breaks = link.connection().breaks;
   const std::string id = reply->attached().session_id();
   if (id.empty())
     return tl::unexpected(local_error("malformed", "The daemon's answer to attach names no session.",
@@ -219,7 +260,8 @@ tl::expected<Session, Error> Session::attach(const Connection& connection, const
                                           .stream = std::move(*stream),
                                           .answers = std::move(*answers),
                                           .id = id,
-                                          .options = in_force});
+                                          .options = in_force,
+                                          .breaks = breaks});
   if (reply->attached().has_credit()) impl->take(reply->attached().credit());
 
   impl->answers.subscribe(id + "/acknowledgements");
@@ -356,18 +398,13 @@ std::vector<Notice> Session::poll_notices() {
 
 tl::expected<void, Error> Session::drain(milliseconds timeout) {
   if (!impl_->simulation()) return {};
-  const auto deadline = internal::Clock::now() + timeout;
   impl_->take_answers();
-  while (!impl_->under_way.empty()) {
-    const milliseconds left = until(deadline);
-    if (left.count() == 0 || !impl_->answers.wait(left)) return tl::unexpected(impl_->no_credit());
-    impl_->take_answers();
-  }
-  return {};
+  return impl_->wait_until(
+      timeout, [&] { return impl_->under_way.empty(); }, [&] { return impl_->no_credit(timeout); });
 }
 
 tl::expected<Statistics, Error> Session::detach(bool discard) {
-  auto statistics = impl_->connection.detach(impl_->id, discard);
+  auto statistics = impl_->connection.detach(impl_->id, discard, impl_->last_sequence);
   if (statistics) impl_->detached = true;
   return statistics;
 }

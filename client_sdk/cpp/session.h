@@ -40,7 +40,8 @@ struct RawOptions {
 /// SIMULATION clock: every message waits until the daemon's window has room (FlowCredit), at most send_timeout.
 /// LIVE clock: frame(), tear_tips(), listener() and advance() never wait; when the queue to the daemon is full, the message
 /// is dropped and counted. Sheets, topologies, scenes and the end wait for room, at most send_timeout.
-/// Refused messages come back as notices: see poll_notices().
+/// Refused messages come back as notices: see poll_notices(). A daemon that goes away is an "unreachable" error within two
+/// seconds; a session that the daemon ended ("idle", or a daemon started anew) refuses whatever is sent after.
 class Session {
  public:
   /// Returns when the daemon's subscription to this session has arrived and the session's credits and notices are heard:

@@ -9,6 +9,8 @@
 
 #include <zmq.h>
 
+#include "proto/statistics_figures.h"
+
 namespace rustle::client {
 
 std::string to_string(const Error& error) {
@@ -19,15 +21,25 @@ std::string to_string(const Error& error) {
   return text;
 }
 
+std::vector<Figure> figures(const Statistics& statistics) {
+  std::vector<Figure> out;
+  v1::for_each_figure<Statistics>([&](const char* name, auto member, auto, auto) {
+    out.push_back({name, statistics.*member});
+  });
+  return out;
+}
+
 namespace internal {
 namespace {
 
-constexpr int kLingerMs = 1'000;
+constexpr int kLingerMs = 500;
 constexpr int kHandshakeMs = 2'000;
 constexpr int kHeartbeatMs = 200;
 constexpr int kHeartbeatTimeoutMs = 600;
 constexpr int kReconnectMs = 50;
 constexpr int kReconnectMaxMs = 500;
+constexpr std::chrono::milliseconds kComesBackWithin{600};  ///< a broken connection, as kReconnectMaxMs allows
+constexpr std::chrono::milliseconds kLookEvery{50};
 constexpr int kMaxSockets = 256;  ///< of one connection: its sessions and readers
 
 std::string lower_code(int code) {
@@ -118,24 +130,8 @@ PackInfo from_wire(const v1::PackInfo& pack) {
 Statistics from_wire(const v1::Statistics& sent) {
   Statistics out;
   out.session_id = sent.session_id();
-  out.messages_received = sent.messages_received();
-  out.frames_received = sent.frames_received();
-  out.frames_analysed = sent.frames_analysed();
   for (const auto& [cause, count] : sent.frames_dropped()) out.frames_dropped[cause] = count;
-  out.messages_refused = sent.messages_refused();
-  out.sequence_gaps = sent.sequence_gaps();
-  out.samples_due = sent.samples_due();
-  out.samples_sent = sent.samples_sent();
-  out.samples_in_gaps = sent.samples_in_gaps();
-  out.voices = sent.voices();
-  out.crumpling_events = sent.crumpling_events();
-  out.friction_episodes = sent.friction_episodes();
-  out.tear_events = sent.tear_events();
-  out.newest_time_s = sent.newest_time_s();
-  out.rendered_time_s = sent.rendered_time_s();
-  out.playout_delay_s = sent.playout_delay_s();
-  out.clock_drift_ppm = sent.clock_drift_ppm();
-  out.load_level = sent.load_level();
+  v1::for_each_figure<Statistics>([&](const char*, auto member, auto get, auto) { out.*member = (sent.*get)(); });
   return out;
 }
 
@@ -204,12 +200,14 @@ Context::~Context() {
 }
 
 tl::expected<Socket, Error> Socket::connect(std::shared_ptr<Context> context, Role role, const std::string& endpoint,
-                                            const Queues& queues) {
+                                            const Queues& queues, ConnectionMonitor* monitor) {
   void* handle = context->get() == nullptr ? nullptr : zmq_socket(context->get(), type_of(role));
-  if (handle == nullptr)
+  const auto out_of_sockets = [] {
     return tl::unexpected(local_error("unreachable",
                                       std::string("ZeroMQ cannot make a socket: ") + zmq_strerror(errno) + ".",
                                       "Raise the limit of open files, or close connections."));
+  };
+  if (handle == nullptr) return out_of_sockets();
   Socket socket(std::move(context), handle);
   set(handle, ZMQ_LINGER, kLingerMs);
   zmq_setsockopt(handle, ZMQ_MAXMSGSIZE, &kMessageBytes, sizeof(kMessageBytes));
@@ -226,10 +224,44 @@ tl::expected<Socket, Error> Socket::connect(std::shared_ptr<Context> context, Ro
   if (role == Role::kControl) set(handle, ZMQ_IMMEDIATE, 1);
   // A full queue is reported, so that the session decides between waiting and dropping.
   if (role == Role::kStream) set(handle, ZMQ_XPUB_NODROP, 1);
+  if (monitor != nullptr && !monitor->watch(socket.context_, handle)) return out_of_sockets();
   if (zmq_connect(handle, endpoint.c_str()) != 0)
     return tl::unexpected(
         local_error("invalid", endpoint + ": " + zmq_strerror(errno) + ".", "Write tcp://HOST:PORT or ipc://PATH."));
   return socket;
+}
+
+ConnectionMonitor::~ConnectionMonitor() {
+  if (events_ != nullptr) zmq_close(events_);
+}
+
+bool ConnectionMonitor::watch(std::shared_ptr<Context> context, void* socket) {
+  const std::string endpoint = "inproc://monitor-" + nonce();
+  if (zmq_socket_monitor(socket, endpoint.c_str(), ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED) != 0)
+    return false;
+  context_ = std::move(context);
+  events_ = zmq_socket(context_->get(), ZMQ_PAIR);
+  if (events_ == nullptr) return false;
+  set(events_, ZMQ_LINGER, 0);
+  return zmq_connect(events_, endpoint.c_str()) == 0;
+}
+
+ConnectionMonitor::State ConnectionMonitor::look() {
+  const std::lock_guard lock(mutex_);
+  for (;;) {
+    // Two parts: the event's number (16 bits) and value (32 bits), then the endpoint.
+    std::uint8_t event[6];
+    if (zmq_recv(events_, event, sizeof(event), ZMQ_DONTWAIT) < 2) return state_;
+    char endpoint[256];
+    zmq_recv(events_, endpoint, sizeof(endpoint), ZMQ_DONTWAIT);
+    std::uint16_t number;
+    std::memcpy(&number, event, sizeof(number));
+    const bool connected = number == ZMQ_EVENT_HANDSHAKE_SUCCEEDED;
+    if (connected == state_.connected || (!connected && number != ZMQ_EVENT_DISCONNECTED)) continue;
+    if (!connected) ++state_.breaks;
+    state_.connected = connected;
+    state_.since = Clock::now();
+  }
 }
 
 Socket::Socket(Socket&& other) noexcept
@@ -315,8 +347,21 @@ bool Socket::wait_subscribed(std::chrono::milliseconds timeout, std::vector<std:
   return seen;
 }
 
-Link::Link(std::shared_ptr<Context> context, Socket control, Endpoints endpoints, std::chrono::milliseconds timeout)
-    : context_(std::move(context)), control_(std::move(control)), endpoints_(std::move(endpoints)), timeout_(timeout) {}
+Link::Link(std::shared_ptr<Context> context, Socket control, std::unique_ptr<ConnectionMonitor> monitor, Endpoints endpoints,
+           std::chrono::milliseconds timeout)
+    : context_(std::move(context)),
+      monitor_(std::move(monitor)),
+      control_(std::move(control)),
+      endpoints_(std::move(endpoints)),
+      timeout_(timeout) {}
+
+tl::expected<void, Error> Link::check() const {
+  const auto state = monitor_->look();
+  if (state.connected || state.breaks == 0 || internal::Clock::now() - state.since < kComesBackWithin) return {};
+  return tl::unexpected(local_error(
+      "unreachable", "The daemon at " + endpoints_.control + " is gone: its connection broke and does not come back.",
+      "See why rustled ended, start it again, and attach anew."));
+}
 
 tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
   const std::lock_guard lock(mutex_);
@@ -327,10 +372,22 @@ tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
         "unreachable", "No answer from " + endpoints_.control + " within " + std::to_string(timeout_.count()) + " ms.",
         "Start rustled, or give the control endpoint it prints when it starts."));
   };
-  if (!control_.send(request, timeout_)) return no_answer();
+  const auto left = [&deadline] { return std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now()); };
+  while (!control_.send(request, std::clamp(left(), std::chrono::milliseconds(0), kLookEvery))) {
+    if (left().count() <= 0) return no_answer();
+    if (auto there = check(); !there) return tl::unexpected(std::move(there.error()));
+  }
+  const std::uint64_t breaks = connection().breaks;
   while (true) {
-    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now());
-    if (left.count() <= 0 || !control_.wait(left)) return no_answer();
+    if (left().count() <= 0) return no_answer();
+    if (!control_.wait(std::min(left(), kLookEvery))) {
+      if (auto there = check(); !there) return tl::unexpected(std::move(there.error()));
+      if (connection().breaks != breaks)
+        return tl::unexpected(local_error("unreachable",
+                                          "The connection to " + endpoints_.control + " broke before the answer came.",
+                                          "Ask again; if rustled was started anew, attach first."));
+      continue;
+    }
     const auto parts = control_.receive();
     v1::ControlReply reply;
     if (parts.size() != 1 || !reply.ParseFromString(parts.front()) || reply.request_id() != request.request_id()) continue;

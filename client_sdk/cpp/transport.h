@@ -46,6 +46,31 @@ class Context {
   void* handle_;
 };
 
+/// Whether a socket is connected, by its monitor. Any thread.
+class ConnectionMonitor {
+ public:
+  struct State {
+    std::uint64_t breaks = 0;  ///< so far
+    bool connected = false;
+    Clock::time_point since{};  ///< of the newest change
+  };
+
+  ConnectionMonitor() = default;
+  ~ConnectionMonitor();
+  ConnectionMonitor(const ConnectionMonitor&) = delete;
+  ConnectionMonitor& operator=(const ConnectionMonitor&) = delete;
+
+  /// Once, before the socket connects. False: no resources.
+  bool watch(std::shared_ptr<Context> context, void* socket);
+  State look();
+
+ private:
+  std::mutex mutex_;
+  std::shared_ptr<Context> context_;
+  void* events_ = nullptr;
+  State state_;
+};
+
 /// A socket with every option set on purpose (transport.cpp). One thread at a time.
 class Socket {
  public:
@@ -56,7 +81,8 @@ class Socket {
   };
 
   [[nodiscard]] static tl::expected<Socket, Error> connect(std::shared_ptr<Context> context, Role role,
-                                                           const std::string& endpoint, const Queues& queues);
+                                                           const std::string& endpoint, const Queues& queues,
+                                                           ConnectionMonitor* monitor = nullptr);
   Socket(Socket&& other) noexcept;
   Socket& operator=(Socket&& other) noexcept;
   ~Socket();
@@ -86,14 +112,20 @@ class Socket {
 /// A control connection.
 class Link {
  public:
-  Link(std::shared_ptr<Context> context, Socket control, Endpoints endpoints, std::chrono::milliseconds timeout);
+  Link(std::shared_ptr<Context> context, Socket control, std::unique_ptr<ConnectionMonitor> monitor, Endpoints endpoints,
+       std::chrono::milliseconds timeout);
 
   /// Asks and waits for the answer with the same id. An answer that is an error comes back as one. Any thread.
   tl::expected<v1::ControlReply, Error> ask(v1::ControlRequest& request);
+  /// At once. Error: the daemon was there, and has been gone for longer than a connection takes to come back. Any thread.
+  tl::expected<void, Error> check() const;
+  /// Any thread.
+  ConnectionMonitor::State connection() const { return monitor_->look(); }
   /// Asks without waiting. Any thread.
   void tell(v1::ControlRequest& request);
 
   const std::shared_ptr<Context>& context() const { return context_; }
+  const std::string& control_endpoint() const { return endpoints_.control; }
   std::chrono::milliseconds timeout() const { return timeout_; }
   /// The caller's choice, or the daemon's.
   std::string stream_endpoint() const { return endpoints_.stream.empty() ? server.stream_endpoint : endpoints_.stream; }
@@ -103,6 +135,7 @@ class Link {
 
  private:
   std::shared_ptr<Context> context_;
+  const std::unique_ptr<ConnectionMonitor> monitor_;
   std::mutex mutex_;
   Socket control_;
   const Endpoints endpoints_;

@@ -199,17 +199,28 @@ struct SessionInfo {
   double newest_time_s = 0;
 };
 
+/// As proto/rustle/v1/session.proto says of each.
 struct Statistics {
   std::string session_id{};
   std::uint64_t messages_received = 0, frames_received = 0, frames_analysed = 0;
   std::map<std::string, std::uint64_t> frames_dropped{};  ///< by cause
   std::uint64_t messages_refused = 0, sequence_gaps = 0;
   std::uint64_t samples_due = 0, samples_sent = 0, samples_in_gaps = 0;
-  std::uint64_t voices = 0;
+  std::uint64_t voices = 0, voices_most = 0, voices_stolen = 0, voices_dropped = 0;
+  std::uint64_t sources_dropped = 0, cues_dropped = 0, sounds_missing = 0, planes_left_out = 0;
+  std::uint64_t samples_limited = 0, samples_not_finite = 0;
   std::uint64_t crumpling_events = 0, friction_episodes = 0, tear_events = 0;
   double newest_time_s = 0, rendered_time_s = 0, playout_delay_s = 0, clock_drift_ppm = 0;
   std::uint32_t load_level = 0;
 };
+
+/// A figure of Statistics by the name it has in session.proto.
+struct Figure {
+  std::string name{};
+  std::variant<std::uint64_t, double> value{};
+};
+/// All numbers of Statistics, in their order.
+std::vector<Figure> figures(const Statistics& statistics);
 
 struct RecordingInfo {
   std::string file_name{};

@@ -60,6 +60,11 @@ void warn(std::string_view message) {
   fmt::print(stderr, "rustle: warning: {}\n", message);
 }
 
+int done_with(const std::vector<std::string>& notices) {
+  for (const auto& notice : notices) warn(notice);
+  return notices.empty() ? kDone : kFailed;
+}
+
 Progress::Progress(std::string what) : what_(std::move(what)), on_terminal_(isatty(STDERR_FILENO) != 0) {}
 
 Progress::~Progress() {

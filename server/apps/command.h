@@ -27,6 +27,8 @@ void add_replay(CLI::App& app, Action& action);
 /// Prints "rustle: MESSAGE" on standard error and returns `status`.
 int complain(std::string_view message, ExitStatus status);
 void warn(std::string_view message);
+/// Warns of what was left out or went wrong on the way: kFailed when there was anything.
+int done_with(const std::vector<std::string>& notices);
 
 /// Why these files cannot all be written: one is an input, or two are the same. Empty: they can.
 std::string output_conflict(const std::vector<std::string>& inputs, const std::vector<std::string>& outputs);

@@ -7,6 +7,7 @@
 
 #include "client_sdk/capture/import.h"
 #include "server/apps/command.h"
+#include "server/apps/wording.h"
 #include "sound_db/pack/library.h"
 
 namespace rustle::apps {
@@ -58,10 +59,11 @@ int run(ImportArguments& arguments) {
                            .dump());
     return kDone;
   }
-  fmt::print("{}: {} frames from {:.3f} to {:.3f} s, {} {}, {}-{} triangles, {} {}, {:.1f} MB\n", arguments.output,
-             summary.frames, summary.first_time_s, summary.last_time_s, summary.topologies,
-             summary.topologies == 1 ? "topology" : "topologies", summary.min_triangles, summary.max_triangles,
-             summary.obstacles, summary.obstacles == 1 ? "obstacle" : "obstacles", static_cast<double>(summary.bytes) / 1e6);
+  const std::string least = summary.min_triangles == summary.max_triangles ? "" : fmt::format("{}-", summary.min_triangles);
+  fmt::print("{}: {} from {:.3f} to {:.3f} s, {}, {}{}, {}, {:.1f} MB\n", arguments.output, counted(summary.frames, "frame"),
+             summary.first_time_s, summary.last_time_s, counted(summary.topologies, "topology"), least,
+             counted(summary.max_triangles, "triangle"), counted(summary.obstacles, "obstacle"),
+             static_cast<double>(summary.bytes) / 1e6);
   for (const auto& remark : summary.remarks) fmt::print("  {}\n", remark);
   return kDone;
 }

@@ -8,6 +8,7 @@
 
 #include "client_sdk/cpp/pcm_reader.h"
 #include "server/apps/command.h"
+#include "server/apps/wording.h"
 #include "server/sinks/wav.h"
 
 namespace rustle::apps {
@@ -59,7 +60,8 @@ int run(const ListenArguments& arguments) {
   while (!interrupted()) {
     auto block = reader->next(std::chrono::seconds(1));
     if (!block) {
-      // Silence is sent too: when nothing comes the session may be gone, or its daemon.
+      if (auto there = connection->check(); !there) return complain(client::to_string(there.error()), kFailed);
+      // Silence is sent too: when nothing comes the session may be gone.
       if (++seconds_without < kSecondsWithout) continue;
       sessions = connection->list_sessions();
       if (!sessions) return complain(client::to_string(sessions.error()), kFailed);
@@ -94,8 +96,8 @@ int run(const ListenArguments& arguments) {
   if (wav) {
     if (auto closed = wav->close(); !closed) return complain(closed.error(), kFailed);
   }
-  fmt::print("{}: {:.2f} s, peak {}, {} samples missing\n", session, rate == 0 ? 0.0 : static_cast<double>(samples) / rate,
-             level_text(peak), reader->missing_samples());
+  fmt::print("{}: {:.2f} s, peak {}, {} missing\n", session, rate == 0 ? 0.0 : static_cast<double>(samples) / rate,
+             level_text(peak), counted(reader->missing_samples(), "sample"));
   return reader->missing_samples() == 0 ? kDone : kFailed;
 }
 

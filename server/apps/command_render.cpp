@@ -12,6 +12,7 @@
 #include "server/apps/capture_source.h"
 #include "server/apps/command.h"
 #include "server/apps/render_report.h"
+#include "server/apps/wording.h"
 #include "server/session/offline.h"
 #include "server/session/settled_options.h"
 #include "server/sinks/event_log.h"
@@ -224,8 +225,7 @@ int run(const RenderArguments& arguments) {
   auto refused = source->refused();
   refused.insert(engine_refusals.begin(), engine_refusals.end());
   for (const auto& [code, refusals] : refused) {
-    notices.push_back(
-        fmt::format("{} message{} left out, first: {}", refusals.count, refusals.count == 1 ? "" : "s", refusals.first));
+    notices.push_back(fmt::format("{} left out, first: {}", counted(refusals.count, "message"), refusals.first));
   }
   if (!source->recovery().complete) notices.push_back(source->recovery().what);
   if (source->frames() == 0) notices.push_back(fmt::format("{}: not one frame could be used", arguments.capture));
@@ -236,14 +236,17 @@ int run(const RenderArguments& arguments) {
     facts.duration_s = source->newest_time_s() - source->first_time_s();
     facts.render_s = elapsed_s;
     facts.frames = source->frames();
-    facts.limited_samples = summary.limited_samples;
+    facts.limited_samples = summary.render.samples_limited;
     facts.notices = notices;
     if (auto written = write_render_report(arguments.report, facts, events, heard, *packs); !written) {
       return complain(written.error(), kFailed);
     }
   }
 
-  std::map<std::string, int> by_kind{{"crumpling", 0}, {"friction", 0}, {"tearing", 0}};
+  const Losses losses{summary.render.voices_stolen,     summary.render.voices_dropped, summary.render.sources_dropped,
+                      summary.render.cues_dropped,      summary.plan.sounds_missing,   summary.plan.planes_left_out,
+                      summary.render.samples_not_finite};
+  std::map<std::string, std::uint64_t> by_kind{{"crumpling", 0}, {"friction", 0}, {"tearing", 0}};
   for (const auto& event : events) ++by_kind[sinks::name_of(event.kind)];
   if (arguments.json) {
     fmt::print("{}\n", nlohmann::ordered_json{{"output", arguments.output},
@@ -255,20 +258,28 @@ int run(const RenderArguments& arguments) {
                                               {"events", by_kind},
                                               {"peak_dbfs", dbfs(peak)},
                                               {"rms_dbfs", dbfs(rms)},
+                                              {"voices_most", summary.render.voices_most},
+                                              {"voices_stolen", losses.voices_stolen},
+                                              {"voices_dropped", losses.voices_dropped},
+                                              {"sources_dropped", losses.sources_dropped},
+                                              {"cues_dropped", losses.cues_dropped},
+                                              {"sounds_missing", losses.sounds_missing},
+                                              {"planes_left_out", losses.planes_left_out},
+                                              {"samples_limited", summary.render.samples_limited},
+                                              {"samples_not_finite", losses.samples_not_finite},
                                               {"elapsed_s", elapsed_s},
                                               {"analysis_s", summary.analysis_s},
                                               {"synthesis_s", summary.synthesis_s},
                                               {"left_out", notices}}
                            .dump());
   } else {
-    fmt::print(
-        "{}: {:.2f} s from {} frames, {} crumpling events, {} friction episodes, {} tears; peak {}, RMS {}; "
-        "rendered in {:.2f} s, {:.0f}x real time\n",
-        arguments.output, seconds, source->frames(), by_kind["crumpling"], by_kind["friction"], by_kind["tearing"],
-        level_text(peak), level_text(rms), elapsed_s, seconds / std::max(elapsed_s, 1e-9));
+    fmt::print("{}: {:.2f} s from {}, {}, {}, {}; peak {}, RMS {}; {}; rendered in {:.2f} s, {:.0f}x real time\n",
+               arguments.output, seconds, counted(source->frames(), "frame"),
+               counted(by_kind["crumpling"], "crumpling event"), counted(by_kind["friction"], "friction episode"),
+               counted(by_kind["tearing"], "tear"), level_text(peak), level_text(rms), to_string(losses), elapsed_s,
+               seconds / std::max(elapsed_s, 1e-9));
   }
-  for (const auto& notice : notices) warn(notice);
-  return notices.empty() ? kDone : kFailed;
+  return done_with(notices);
 }
 
 }  // namespace

@@ -13,11 +13,14 @@
 #include <optional>
 #include <set>
 #include <thread>
+#include <variant>
+#include <vector>
 
 #include "client_sdk/capture/capture_reader.h"
 #include "client_sdk/capture/retime.h"
 #include "client_sdk/cpp/session.h"
 #include "server/apps/command.h"
+#include "server/apps/wording.h"
 #include "server/session/settled_options.h"
 #include "server/sinks/wav.h"
 #include "server/wire/stream_envelope.h"
@@ -27,6 +30,8 @@ namespace {
 
 using SteadyTime = std::chrono::steady_clock::time_point;
 using Body = wire::StreamEnvelope::Body;
+
+constexpr std::chrono::milliseconds kLastNotices{100};  // on their way when a live session has ended
 
 struct ReplayArguments {
   std::string capture, clock = "live", control = "tcp://127.0.0.1:7390", material, wav, session;
@@ -131,8 +136,8 @@ client::SessionOptions attach_options(const ReplayArguments& arguments, const Se
 /// Writes what the daemon sends back until the stream ends.
 class WavReturn {
  public:
-  WavReturn(client::PcmReader reader, std::string file)
-      : reader_(std::move(reader)), file_(std::move(file)), thread_([this] { run(); }) {}
+  WavReturn(client::Connection connection, client::PcmReader reader, std::string file)
+      : connection_(std::move(connection)), reader_(std::move(reader)), file_(std::move(file)), thread_([this] { run(); }) {}
   ~WavReturn() {
     stop_.store(true);
     if (thread_.joinable()) thread_.join();
@@ -151,6 +156,10 @@ class WavReturn {
     while (!stop_.load()) {
       auto block = reader_.next(std::chrono::milliseconds(100));
       if (!block) {
+        if (auto there = connection_.check(); !there) {
+          failure_ = client::to_string(there.error());
+          break;
+        }
         if (++idle > 300) {
           failure_ = "no sound came from the daemon for 30 s; look at its log";
           break;
@@ -160,7 +169,7 @@ class WavReturn {
       idle = 0;
       if (block->end) break;
       if (block->missing_samples != 0 && failure_.empty())
-        failure_ = fmt::format("{}: {} samples were lost on the way", file_, block->missing_samples);
+        failure_ = fmt::format("{}: {} lost on the way", file_, counted(block->missing_samples, "sample"));
       if (!wav) {
         auto created = sinks::WavWriter::create(file_, static_cast<int>(block->rate_hz), static_cast<int>(block->channels),
                                                 sinks::WavFormat::kFloat32);
@@ -180,6 +189,7 @@ class WavReturn {
     }
   }
 
+  client::Connection connection_;
   client::PcmReader reader_;
   std::string file_;
   std::string failure_;
@@ -213,7 +223,7 @@ int run(const ReplayArguments& arguments) {
   if (!arguments.wav.empty()) {
     auto reader = session->listen();
     if (!reader) return complain(client::to_string(reader.error()), kFailed);
-    wav.emplace(std::move(*reader), arguments.wav);
+    wav.emplace(*connection, std::move(*reader), arguments.wav);
   }
 
   catch_interrupts();
@@ -264,42 +274,38 @@ int run(const ReplayArguments& arguments) {
   }
   if (failure.empty() && wav) {
     if (auto finished = wav->finish(); !finished) failure = finished.error();
-  } else if (live) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(300));  // the playout delay, and what is still on its way
   }
+  auto statistics = session->detach(false);
+  if (!failure.empty()) return complain(failure, kFailed);
+  if (!statistics) return complain(client::to_string(statistics.error()), kFailed);
+  if (live) std::this_thread::sleep_for(kLastNotices);
   for (const auto& notice : session->poll_notices()) {
     auto& [count, text] = complaints[notice.code];
     count += notice.count;
     if (text.empty()) text = fmt::format("{}: {} {}", notice.field, notice.message, notice.remedy);
   }
-  auto statistics = session->detach(false);
-  if (!failure.empty()) return complain(failure, kFailed);
   if (arguments.json) {
     nlohmann::ordered_json figures{{"session", session->id()},
                                    {"frames", frames},
                                    {"dropped_here", session->dropped_messages()},
-                                   {"median_timing_error_s", median(late_s)}};
-    if (statistics) {
-      figures["frames_received"] = statistics->frames_received;
-      figures["frames_analysed"] = statistics->frames_analysed;
-      figures["frames_dropped"] = statistics->frames_dropped;
-      figures["crumpling_events"] = statistics->crumpling_events;
-      figures["friction_episodes"] = statistics->friction_episodes;
-    }
+                                   {"median_timing_error_s", median(late_s)},
+                                   {"frames_dropped", statistics->frames_dropped}};
+    for (const auto& figure : client::figures(*statistics))
+      std::visit([&](const auto value) { figures[figure.name] = value; }, figure.value);
     fmt::print("{}\n", figures.dump());
   } else {
-    fmt::print("{}: {} frames sent", session->id(), frames);
+    fmt::print("{}: {} sent", session->id(), counted(frames, "frame"));
     if (live) fmt::print(", median timing error {:.2f} ms", 1e3 * median(late_s));
-    if (statistics) {
-      fmt::print("; {} analysed, {} crumpling events, {} friction episodes", statistics->frames_analysed,
-                 statistics->crumpling_events, statistics->friction_episodes);
-    }
-    fmt::print("\n");
+    fmt::print("; {} analysed, {}, {}, {}; {}\n", statistics->frames_analysed,
+               counted(statistics->crumpling_events, "crumpling event"),
+               counted(statistics->friction_episodes, "friction episode"), counted(statistics->tear_events, "tear"),
+               to_string(losses_of(*statistics)));
   }
+  std::vector<std::string> notices;
   for (const auto& [code, complaint] : complaints)
-    warn(fmt::format("{} refused {} times, first {}", code, complaint.first, complaint.second));
-  if (!selection->damage.empty()) warn(selection->damage);
-  return complaints.empty() && selection->damage.empty() ? kDone : kFailed;
+    notices.push_back(fmt::format("{} refused {}, first {}", code, counted(complaint.first, "time"), complaint.second));
+  if (!selection->damage.empty()) notices.push_back(selection->damage);
+  return done_with(notices);
 }
 
 }  // namespace

@@ -4,7 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <utility>
 
+#include "server/apps/wording.h"
 #include "server/session/settled_options.h"
 
 namespace rustle::apps {
@@ -16,12 +18,12 @@ using std::chrono::seconds;
 constexpr std::uint32_t kWindowMessages = 64;
 constexpr std::uint64_t kWindowBytes = std::uint64_t{64} << 20;
 constexpr milliseconds kAnnouncementGrace{1200};  // publishers announce themselves every second
-constexpr std::size_t kStrangerMessages = 64;
 constexpr milliseconds kNoticeInterval{500};
 constexpr milliseconds kComplaintInterval{1000};  // of what belongs to no session: anyone can send it, and logs are finite
 constexpr milliseconds kDetachWait{2000};
 constexpr milliseconds kCreditInterval{500};  // repeated, for a listener that was away when it was sent
 constexpr int kBlocksAtATime = 256;
+constexpr std::size_t kNameBytes = 64;  // of a session id that is made from its client's name
 constexpr seconds kFinishedKept{30};
 constexpr seconds kIdleKept{300};
 constexpr double kRestart_s = 0.5;  // a publisher whose time goes back by more has started again
@@ -44,6 +46,13 @@ wire::ErrorCode code_of(engine::Refusal::Cause cause) {
   return wire::ErrorCode::kUnknownObstacle;
 }
 
+/// At most so many bytes of a UTF-8 text, whole characters.
+std::string begin_of(const std::string& text, std::size_t bytes) {
+  if (text.size() <= bytes) return text;
+  while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xc0) == 0x80) --bytes;
+  return text.substr(0, bytes);
+}
+
 wire::Error unknown_session(const std::string& id) {
   return {wire::ErrorCode::kUnknownSession,
           "session_id",
@@ -60,14 +69,19 @@ wire::Error unsupported(std::string message, std::string remedy) {
 
 }  // namespace
 
-Daemon::Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs)
-    : options_(std::move(options)), packs_(std::move(packs)) {}
+Daemon::Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs,
+               std::shared_ptr<const session::WallClock> clock)
+    : options_(std::move(options)),
+      packs_(std::move(packs)),
+      clock_(std::move(clock)),
+      strangers_({.publishers = options_.max_sessions}) {}
 
 Daemon::~Daemon() = default;
 
 tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions options,
-                                                                std::shared_ptr<pack::PackLibrary> packs) {
-  std::unique_ptr<Daemon> daemon(new Daemon(std::move(options), std::move(packs)));
+                                                                std::shared_ptr<pack::PackLibrary> packs,
+                                                                std::shared_ptr<const session::WallClock> clock) {
+  std::unique_ptr<Daemon> daemon(new Daemon(std::move(options), std::move(packs), std::move(clock)));
   auto sockets = wire::Sockets::open(daemon->options_.sockets);
   if (!sockets) return tl::unexpected(sockets.error());
   daemon->sockets_ = std::move(*sockets);
@@ -76,7 +90,7 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
     auto pack = daemon->packs_->load(entry.material, entry.touched_surface, daemon->options_.rate_hz);
     if (pack) daemon->held_packs_.emplace(entry.folder, std::move(*pack));
   }
-  daemon->scheduler_ = std::make_unique<session::Scheduler>(daemon->options_.analysis_workers, daemon->clock_,
+  daemon->scheduler_ = std::make_unique<session::Scheduler>(daemon->options_.analysis_workers, *daemon->clock_,
                                                             [sockets = daemon->sockets_.get()] { sockets->wake(); });
   return daemon;
 }
@@ -89,6 +103,7 @@ void Daemon::run(const std::atomic<bool>& stop) {
     for (auto& event : events) std::visit([this](auto& e) { handle(e); }, event);
     for (auto& [id, guest] : guests_) serve(id, *guest);
     let_go();
+    tell_of_sockets();
   }
   for (auto& [id, guest] : guests_) {
     if (!guest->finished) publish_end(*guest);
@@ -101,9 +116,9 @@ void Daemon::run(const std::atomic<bool>& stop) {
 void Daemon::handle(wire::ControlRequestReceived& event) {
   const auto request = wire::decode_control(event.bytes.bytes());
   const std::uint64_t id = request ? request->request_id : request.error().request_id;
-  if (request && std::holds_alternative<wire::DetachRequest>(request->body)) {
+  if (const auto* leave = request ? std::get_if<wire::DetachRequest>(&request->body) : nullptr) {
     if (Guest* leaving = guest(request->session_id)) {
-      detach(*leaving, std::get<wire::DetachRequest>(request->body).discard, {event.peer, id});
+      leaving->goodbyes.push_back({event.peer, id, leave->last_sequence, leave->discard, clock_->now()});
       return;
     }
   }
@@ -114,11 +129,25 @@ void Daemon::handle(wire::ControlRequestReceived& event) {
 
 void Daemon::complain(std::string_view what, const wire::Error& error) {
   ++complaints_.unsent;
-  const auto now = std::chrono::steady_clock::now();
-  if (now - complaints_.last_sent < kComplaintInterval) return;
+  const auto now = clock_->now();
+  if (complaints_.last_sent && now - *complaints_.last_sent < kComplaintInterval) return;
   spdlog::warn("{} refused: {}{}", what, wire::to_string(error),
                complaints_.unsent > 1 ? fmt::format(" ({} since the last such line)", complaints_.unsent) : "");
   complaints_ = {now, 0};
+}
+
+void Daemon::tell_of_sockets() {
+  const auto& counters = sockets_->counters();
+  const auto tell = [this](std::uint64_t count, std::uint64_t& told, const char* what, const char* remedy) {
+    if (count == told) return;
+    told = count;
+    complain("transport",
+             {wire::ErrorCode::kMalformed, "", fmt::format("{} so far: {}.", what, count), remedy, 0, std::nullopt, {}});
+  };
+  tell(counters.malformed_messages, told_.malformed_messages, "Messages with too many or too few parts",
+       "Send [topic, StreamMessage] on the stream, one ControlRequest at a time on the control socket.");
+  tell(counters.unsent_replies, told_.unsent_replies, "Replies whose asker was gone or did not read",
+       "Keep the control socket open until its answer has come.");
 }
 
 wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
@@ -143,23 +172,32 @@ wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
   return unsupported("This daemon does not do that while a session sounds.", "Detach, and attach again with other options.");
 }
 
-void Daemon::detach(Guest& leaving, bool discard, Goodbye goodbye) {
-  if (discard) leaving.session->discard();
-  leaving.session->end();
-  scheduler_->wake_analysis(leaving.session);
-  leaving.detached = true;
-  goodbye.since = std::chrono::steady_clock::now();
-  leaving.goodbyes.push_back(std::move(goodbye));
-  if (discard && !leaving.finished) {
-    leaving.finished = true;
-    publish_end(leaving);
-  }
+void Daemon::say_goodbye(Guest& leaving) {
+  const auto now = clock_->now();
+  std::erase_if(leaving.goodbyes, [&](const Goodbye& goodbye) {
+    const bool waited = now - goodbye.since >= kDetachWait;
+    if (!leaving.detached) {
+      if (!goodbye.discard && leaving.last_sequence < goodbye.last_sequence && !waited) return false;
+      if (goodbye.discard) leaving.session->discard();
+      leaving.session->end();
+      scheduler_->wake_analysis(leaving.session);
+      leaving.detached = true;
+      if (goodbye.discard && !leaving.finished) {
+        leaving.finished = true;
+        publish_end(leaving);
+      }
+    }
+    const bool accounted = !leaving.session->waiting() && leaving.finished;
+    if (!accounted && !waited) return false;
+    sockets_->send_control(goodbye.peer, wire::encode_reply(goodbye.request_id, wire::Detached{statistics(leaving)}));
+    return true;
+  });
 }
 
 wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body) {
   std::string id = request.session_id;
   if (id.empty()) {
-    const std::string name = body.name.substr(0, 64);
+    const std::string name = begin_of(body.name, kNameBytes);
     const std::string stem = wire::valid_session_id(name) ? name : "session";
     id = stem;
     while (guests_.contains(id)) id = fmt::format("{}-{}", stem, ++next_name_);
@@ -180,16 +218,7 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
                        std::nullopt,
                        {}};
   }
-  if (guests_.size() >= options_.max_sessions) {
-    return wire::Error{
-        wire::ErrorCode::kQuotaExceeded,
-        "sessions",
-        "The daemon carries as many sessions as it may.",
-        "Detach a session, or start rustled with a higher --max-sessions.",
-        0,
-        wire::Quota{"sessions", static_cast<double>(options_.max_sessions), static_cast<double>(guests_.size() + 1)},
-        {}};
-  }
+  if (guests_.size() >= options_.max_sessions) return too_many_sessions();
   if (body.options.channels == session::ChannelLayout::kBinaural) {
     return unsupported("Binaural sound is not rendered by this version.", "Ask for stereo.");
   }
@@ -214,12 +243,22 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
       guests_.erase(id);
       return error;
     }
-    static_cast<void>(admitted.session->offer(sheet, 0));
+    static_cast<void>(admitted.session->offer(sheet, 0, 0));
   }
   scheduler_->wake_analysis(admitted.session);
   wire::Attached attached{id, admitted.session->options(), std::nullopt};
   if (options.clock == session::Clock::kSimulation) attached.credit = wire::FlowCredit{0, kWindowMessages, kWindowBytes};
   return attached;
+}
+
+wire::Error Daemon::too_many_sessions() const {
+  return {wire::ErrorCode::kQuotaExceeded,
+          "sessions",
+          "The daemon carries as many sessions as it may.",
+          "Detach a session, or start rustled with a higher --max-sessions.",
+          0,
+          wire::Quota{"sessions", static_cast<double>(options_.max_sessions), static_cast<double>(guests_.size() + 1)},
+          {}};
 }
 
 std::optional<wire::Error> Daemon::check_material(const std::string& material, const std::string& surface,
@@ -256,11 +295,11 @@ wire::ControlReply Daemon::pack_list() const {
 
 Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::SessionOptions options, bool attached) {
   options = session::settled(std::move(options));
-  auto session = std::make_shared<session::Session>(id, options, packs_, clock_);
+  auto session = std::make_shared<session::Session>(id, options, packs_, *clock_);
   scheduler_->add(session);
   auto& place = guests_[id];
   place = std::make_unique<Guest>(std::move(session), std::move(name), attached);
-  place->last_heard = std::chrono::steady_clock::now();
+  place->last_heard = clock_->now();
   for (const auto& topic : sockets_->subscriptions()) {
     wire::SubscriptionChanged known{topic, true};
     handle(known);
@@ -280,6 +319,8 @@ void Daemon::handle(wire::StreamReceived& event) {
   auto envelope = wire::StreamEnvelope::parse(event.bytes.bytes(), event.topic);
   if (!envelope) {
     if (Guest* sender = guest(event.topic)) {
+      ++sender->messages;
+      ++sender->refused;
       notify(*sender, envelope.error());
     } else {
       complain("stream message", envelope.error());
@@ -305,37 +346,35 @@ void Daemon::handle(wire::StreamReceived& event) {
 }
 
 Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
+  using Body = wire::StreamEnvelope::Body;
   const std::string id = envelope.session_id();
-  const auto now = std::chrono::steady_clock::now();
-  auto [stranger, fresh] = strangers_.try_emplace(id);
-  if (fresh) {
-    stranger->second.since = now;
-    if (strangers_.size() > options_.max_sessions) {
-      strangers_.erase(stranger);
-      return nullptr;
-    }
+  const auto now = clock_->now();
+  Stranger* stranger = strangers_.meet(id, now);
+  if (stranger == nullptr || guests_.size() >= options_.max_sessions) {
+    complain("publisher", too_many_sessions());
+    return nullptr;
   }
   std::optional<wire::Announcement> announcement;
-  if (envelope.body() == wire::StreamEnvelope::Body::kAnnouncement) {
+  if (envelope.body() == Body::kAnnouncement) {
     auto read = envelope.announcement();
     if (!read) {
-      spdlog::warn("announcement of {} refused: {}", id, wire::to_string(read.error()));
+      complain(fmt::format("announcement of {}", id), read.error());
       publish_notice(id, wire::notice_of(read.error()), 1);
       return nullptr;
     }
     announcement = std::move(*read);
-  } else if (now - stranger->second.since < kAnnouncementGrace) {
-    using Body = wire::StreamEnvelope::Body;
+  } else if (now - stranger->since < kAnnouncementGrace) {
     const bool describes = envelope.body() == Body::kSheet || envelope.body() == Body::kTopology ||
                            envelope.body() == Body::kScene || envelope.body() == Body::kListener;
-    if (describes && stranger->second.said.size() < kStrangerMessages) stranger->second.said.push_back(std::move(envelope));
+    if (envelope.body() == Body::kFrame) ++stranger->frames;
+    if (describes) strangers_.keep(*stranger, std::move(envelope));
     return nullptr;
-  } else if (stranger->second.said.empty() && envelope.body() != wire::StreamEnvelope::Body::kSheet) {
-    publish_notice(id, wire::notice_of(unknown_session(id)), 1);
-    return nullptr;  // nothing is known of its sheets yet
-  }
-  if (guests_.size() >= options_.max_sessions) {
-    spdlog::warn("session {} refused: {} sessions are as many as this daemon may carry", id, guests_.size());
+  } else if (stranger->said.empty() && envelope.body() != Body::kSheet) {
+    if (envelope.body() == Body::kFrame) ++stranger->frames;
+    if (!stranger->told || now - *stranger->told >= kNoticeInterval) {
+      stranger->told = now;
+      publish_notice(id, wire::notice_of(unknown_session(id)), 1);
+    }
     return nullptr;
   }
   session::SessionOptions options;
@@ -343,43 +382,73 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
   if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
   if (options.block_size == 0) options.block_size = options_.block_size;
   if (options.channels == session::ChannelLayout::kBinaural) options.channels = session::ChannelLayout::kStereo;
-  const auto said = std::move(stranger->second.said);
-  strangers_.erase(stranger);
+  const Stranger known = strangers_.take(id);
   Guest& met = admit(id, announcement ? announcement->name : id, options, false);
-  for (const auto& earlier : said) take(met, earlier);
+  for (const auto& earlier : known.said) take(met, earlier);
+  met.messages += known.frames + known.left_out;
+  met.session->count_drop("unannounced", known.frames);
+  if (known.left_out > 0) {
+    const auto& limits = strangers_.limits();
+    met.refused += known.left_out;
+    notify(met, {wire::ErrorCode::kTooLarge,
+                 "stream",
+                 fmt::format("{} sent before the announcement left out; {} messages and {} MiB are kept.",
+                             counted(known.left_out, "message"), limits.messages, limits.bytes >> 20),
+                 "Announce the session first, then its sheets and topologies, and repeat them every second.",
+                 0,
+                 std::nullopt,
+                 {}});
+  }
   return &met;
 }
 
 void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
-  sender.last_heard = std::chrono::steady_clock::now();
+  sender.last_heard = clock_->now();
   ++sender.messages;
   const std::uint64_t sequence = envelope.sequence();
   if (sequence > sender.last_sequence) {
     if (sender.last_sequence != 0) sender.sequence_gaps += sequence - sender.last_sequence - 1;
     sender.last_sequence = sequence;
   }
+  if (envelope.sent_at_s() != 0)
+    sender.drift.add(envelope.sent_at_s(), std::chrono::duration<double>(sender.last_heard).count());
   const bool is_frame = envelope.body() == wire::StreamEnvelope::Body::kFrame;
   auto decoded = sender.decoder.decode(envelope);
   if (!decoded) {
     ++sender.refused;
     if (is_frame) sender.session->count_drop(std::string(wire::code_name(decoded.error().code)));
     notify(sender, decoded.error());
-  } else if (decoded->item) {
-    if (is_frame && envelope.sheet_id() && envelope.time_s())
-      sender.newest_frame_s[*envelope.sheet_id()] = *envelope.time_s();
-    if (sender.session->offer(std::move(*decoded->item), sequence)) {
+    return;
+  }
+  sender.kept_bytes += envelope.bytes();
+  if (!decoded->item) return;
+  if (is_frame && envelope.sheet_id() && envelope.time_s()) sender.newest_frame_s[*envelope.sheet_id()] = *envelope.time_s();
+  switch (sender.session->offer(std::move(*decoded->item), sequence, std::exchange(sender.kept_bytes, 0))) {
+    case session::Offer::kTaken:
       if (sequence != 0) sender.offered = sequence;
       scheduler_->wake_analysis(sender.session);
-    } else {
+      return;
+    case session::Offer::kFull:
       ++sender.refused;
       notify(sender, {wire::ErrorCode::kOverloaded,
                       "stream",
-                      "The session's inbox is full or the session has ended.",
+                      fmt::format("The session's inbox is full: {} messages or {} MiB wait.",
+                                  session::Session::kInboxMessages, session::Session::kInboxBytes >> 20),
                       "Wait for credit before sending on, as the SDKs do.",
                       sequence,
                       std::nullopt,
                       {}});
-    }
+      return;
+    case session::Offer::kEnded:
+      ++sender.refused;
+      notify(sender, {wire::ErrorCode::kUnknownSession,
+                      "stream",
+                      fmt::format("The session \"{}\" has ended.", sender.session->id()),
+                      "Attach a new one.",
+                      sequence,
+                      std::nullopt,
+                      {}});
+      return;
   }
 }
 
@@ -431,12 +500,6 @@ void Daemon::serve(const std::string& id, Guest& served) {
     }
   }
   acknowledge(served);
-  // The last figures are told when every frame is accounted for.
-  std::erase_if(served.goodbyes, [&](const Goodbye& goodbye) {
-    if (served.session->waiting() && std::chrono::steady_clock::now() - goodbye.since < kDetachWait) return false;
-    sockets_->send_control(goodbye.peer, wire::encode_reply(goodbye.request_id, wire::Detached{statistics(served)}));
-    return true;
-  });
   int blocks = 0;
   while (blocks < kBlocksAtATime && served.session->take_audio(served.session->options().block_size, block_)) {
     publish_pcm(served, block_);
@@ -445,12 +508,17 @@ void Daemon::serve(const std::string& id, Guest& served) {
   if (blocks == kBlocksAtATime) sockets_->wake();  // more waits; the others first
   if (served.session->finished() && !served.finished) {
     served.finished = true;
-    served.finished_at = std::chrono::steady_clock::now();
+    served.finished_at = clock_->now();
     publish_end(served);
-    const auto counters = served.session->counters();
-    spdlog::info("session {} ended: {} frames, {} crumpling events, {} friction episodes", id, counters.frames_analysed,
-                 counters.crumpling_events, counters.friction_episodes);
+    const auto figures = statistics(served);
+    std::uint64_t dropped = 0;
+    for (const auto& [cause, frames] : figures.frames_dropped) dropped += frames;
+    spdlog::info("session {} ended: {}, {} dropped, {}, {}, {}; {}", id, counted(figures.frames_analysed, "frame"), dropped,
+                 counted(figures.crumpling_events, "crumpling event"),
+                 counted(figures.friction_episodes, "friction episode"), counted(figures.tear_events, "tear"),
+                 to_string(losses_of(figures)));
   }
+  say_goodbye(served);
 }
 
 void Daemon::publish_end(Guest& sender) {
@@ -463,7 +531,7 @@ void Daemon::acknowledge(Guest& sender) {
   if (sender.session->options().clock != session::Clock::kSimulation) return;
   const std::uint64_t acknowledged =
       std::max(sender.acknowledged, sender.analysed >= sender.offered ? sender.last_sequence : sender.analysed);
-  const auto now = std::chrono::steady_clock::now();
+  const auto now = clock_->now();
   if (acknowledged == 0 || (acknowledged == sender.acknowledged && now - sender.credited_at < kCreditInterval)) return;
   sender.acknowledged = acknowledged;
   sender.credited_at = now;
@@ -473,6 +541,7 @@ void Daemon::acknowledge(Guest& sender) {
 }
 
 void Daemon::publish_pcm(Guest& sender, const session::AudioBlock& block) {
+  if (!sender.pcm.empty()) sender.samples_sent += block.interleaved.size() / static_cast<std::size_t>(block.channels);
   for (auto& [topic, out] : sender.pcm) {
     if (out.waiting.empty()) out.first_sample = block.first_sample;
     out.waiting.insert(out.waiting.end(), block.interleaved.begin(), block.interleaved.end());
@@ -492,16 +561,20 @@ void Daemon::flush_pcm(Guest& sender, PcmOut& out, bool all) {
   header.format = out.topic.format;
   header.time_s = sender.session->time_of(out.first_sample);
   header.content = wire::MixContent{};
-  sockets_->publish(wire::to_string(out.topic),
-                    wire::encode_pcm({sender.session->id(), ++out.sequence}, header, out.waiting));
+  header.missing_samples = out.missing;
+  const bool sent = sockets_->publish(wire::to_string(out.topic),
+                                      wire::encode_pcm({sender.session->id(), ++out.sequence}, header, out.waiting));
+  const std::uint64_t samples = out.waiting.size() / channels;
+  out.missing = sent ? 0 : out.missing + samples;
+  if (!sent) sender.samples_in_gaps += samples;
   out.waiting.clear();
 }
 
 void Daemon::notify(Guest& sender, const wire::Error& error) {
   auto& tally = sender.notices[std::string(wire::code_name(error.code))];
   ++tally.unsent;
-  const auto now = std::chrono::steady_clock::now();
-  if (now - tally.last_sent < kNoticeInterval) return;
+  const auto now = clock_->now();
+  if (tally.last_sent && now - *tally.last_sent < kNoticeInterval) return;
   const std::string& id = sender.session->id();
   spdlog::warn("session {}: {}{}", id, wire::to_string(error),
                tally.unsent > 1 ? fmt::format(" ({} times)", tally.unsent) : "");
@@ -514,16 +587,20 @@ void Daemon::publish_notice(const std::string& session_id, const wire::Notice& n
 }
 
 void Daemon::let_go() {
-  const auto now = std::chrono::steady_clock::now();
-  std::erase_if(strangers_, [&](const auto& entry) { return now - entry.second.since > kIdleKept; });
+  const auto now = clock_->now();
+  if (const auto lost = strangers_.forget_before(now - kIdleKept); lost > 0) {
+    complain("publisher",
+             {wire::ErrorCode::kUnknownSession,
+              "stream",
+              fmt::format("{} of publishers that never described a sheet are forgotten.", counted(lost, "message")),
+              "Announce the session, or describe its sheets, every second.",
+              0,
+              std::nullopt,
+              {}});
+  }
   for (auto entry = guests_.begin(); entry != guests_.end();) {
     Guest& kept = *entry->second;
-    if (!kept.finished && now - kept.last_heard > kIdleKept) {
-      kept.session->end();
-      scheduler_->wake_analysis(kept.session);
-      kept.detached = true;
-      kept.last_heard = now;
-    }
+    if (!kept.finished && !kept.detached && now - kept.last_heard > kIdleKept) end_idle(kept);
     if (kept.finished && kept.goodbyes.empty() && (kept.detached || now - kept.finished_at > kFinishedKept)) {
       scheduler_->remove(*kept.session);
       entry = guests_.erase(entry);
@@ -531,6 +608,19 @@ void Daemon::let_go() {
       ++entry;
     }
   }
+}
+
+void Daemon::end_idle(Guest& idle) {
+  notify(idle, {wire::ErrorCode::kIdle,
+                "stream",
+                fmt::format("The session \"{}\" has ended: nothing came for {} s.", idle.session->id(), kIdleKept.count()),
+                "Attach again; while a simulation pauses, send a frame or an advance now and then.",
+                0,
+                std::nullopt,
+                {}});
+  idle.session->end();
+  scheduler_->wake_analysis(idle.session);
+  idle.detached = true;
 }
 
 wire::Statistics Daemon::statistics(const Guest& asked) const {
@@ -544,14 +634,26 @@ wire::Statistics Daemon::statistics(const Guest& asked) const {
   out.frames_dropped = counters.frames_dropped;
   out.messages_refused = asked.refused;
   out.sequence_gaps = asked.sequence_gaps;
-  out.samples_due = static_cast<std::uint64_t>(asked.session->samples_rendered());
-  out.samples_sent = out.samples_due;
+  out.samples_due = counters.samples_due;
+  out.samples_sent = asked.samples_sent;
+  out.samples_in_gaps = asked.samples_in_gaps;
+  out.voices = counters.render.voices;
+  out.voices_most = counters.render.voices_most;
+  out.voices_stolen = counters.render.voices_stolen;
+  out.voices_dropped = counters.render.voices_dropped;
+  out.sources_dropped = counters.render.sources_dropped;
+  out.cues_dropped = counters.render.cues_dropped;
+  out.samples_limited = counters.render.samples_limited;
+  out.samples_not_finite = counters.render.samples_not_finite;
+  out.sounds_missing = counters.plan.sounds_missing;
+  out.planes_left_out = counters.plan.planes_left_out;
   out.crumpling_events = counters.crumpling_events;
   out.friction_episodes = counters.friction_episodes;
   out.tear_events = counters.tear_events;
   out.newest_time_s = counters.newest_time_s;
   out.rendered_time_s = asked.session->time_of(asked.session->samples_rendered());
   out.playout_delay_s = *options.playout_delay_s;
+  out.clock_drift_ppm = asked.drift.ppm();
   return out;
 }
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -11,6 +10,8 @@
 
 #include <tl/expected.hpp>
 
+#include "server/apps/strangers.h"
+#include "server/session/clock_drift.h"
 #include "server/session/scheduler.h"
 #include "server/wire/control.h"
 #include "server/wire/decode.h"
@@ -33,8 +34,9 @@ struct DaemonOptions {
 class Daemon {
  public:
   /// Error: a sentence that names the endpoint or flag and what to do.
-  static tl::expected<std::unique_ptr<Daemon>, std::string> open(DaemonOptions options,
-                                                                 std::shared_ptr<pack::PackLibrary> packs);
+  static tl::expected<std::unique_ptr<Daemon>, std::string> open(
+      DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs,
+      std::shared_ptr<const session::WallClock> clock = std::make_shared<session::SteadyClock>());
   ~Daemon();
 
   const wire::Sockets& sockets() const { return *sockets_; }
@@ -43,7 +45,7 @@ class Daemon {
   void run(const std::atomic<bool>& stop);
 
  private:
-  using Instant = std::chrono::steady_clock::time_point;
+  using Instant = session::WallClock::Duration;
 
   /// PCM on its way to one topic.
   struct PcmOut {
@@ -51,16 +53,19 @@ class Daemon {
     std::vector<float> waiting;
     std::int64_t first_sample = 0;
     std::uint64_t sequence = 0;
+    std::uint64_t missing = 0;  ///< samples that the socket did not take since the last message
   };
   struct NoticeTally {
-    Instant last_sent{};
+    std::optional<Instant> last_sent;
     std::uint64_t unsent = 0;
   };
   /// A detach that waits for its answer.
   struct Goodbye {
     wire::ControlPeer peer;
     std::uint64_t request_id;
-    Instant since{};
+    std::uint64_t last_sequence;  ///< the stream ends when this has come
+    bool discard;
+    Instant since;
   };
   struct Guest {
     Guest(std::shared_ptr<session::Session> its_session, std::string its_name, bool by_control)
@@ -72,6 +77,9 @@ class Daemon {
     bool attached;  ///< by control; else by an announcement
     bool detached = false;
     std::uint64_t last_sequence = 0, sequence_gaps = 0, messages = 0, refused = 0;
+    std::uint64_t samples_sent = 0, samples_in_gaps = 0;
+    std::size_t kept_bytes = 0;  ///< of messages since the last item that became none, such as topologies
+    session::ClockDrift drift;
     std::uint64_t offered = 0, analysed = 0, acknowledged = 0;  ///< stream sequences
     std::map<std::uint32_t, double> newest_frame_s;             ///< by sheet
     std::map<std::string, PcmOut> pcm;                          ///< by topic
@@ -81,13 +89,8 @@ class Daemon {
     bool finished = false;
     std::vector<Goodbye> goodbyes;
   };
-  /// A publisher that has not announced itself: what it said so far, in case it never does.
-  struct Stranger {
-    Instant since{};
-    std::vector<wire::StreamEnvelope> said;
-  };
 
-  Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs);
+  Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs, std::shared_ptr<const session::WallClock> clock);
 
   void handle(wire::ControlRequestReceived& event);
   void handle(wire::StreamReceived& event);
@@ -95,12 +98,16 @@ class Daemon {
 
   wire::ControlReply answer(const wire::ControlRequest& request);
   wire::ControlReply attach(const wire::ControlRequest& request, const wire::AttachRequest& body);
-  void detach(Guest& leaving, bool discard, Goodbye goodbye);
+  /// Ends the stream of a guest that leaves, once all it sent has come, and answers when all of it is accounted for.
+  void say_goodbye(Guest& leaving);
   wire::ControlReply pack_list() const;
   /// Logs what belongs to no session, a line a second at most.
   void complain(std::string_view what, const wire::Error& error);
+  void tell_of_sockets();
   std::optional<wire::Error> check_material(const std::string& material, const std::string& surface,
                                             std::string field) const;
+
+  wire::Error too_many_sessions() const;
 
   Guest& admit(const std::string& id, std::string name, session::SessionOptions options, bool attached);
   Guest* guest(const std::string& id);
@@ -115,18 +122,20 @@ class Daemon {
   void publish_end(Guest& guest);
   void acknowledge(Guest& guest);
   void let_go();
+  void end_idle(Guest& idle);
   wire::Statistics statistics(const Guest& guest) const;
 
   const DaemonOptions options_;
   const std::shared_ptr<pack::PackLibrary> packs_;
   std::map<std::filesystem::path, std::shared_ptr<const pack::SoundPack>> held_packs_;  ///< at the daemon's rate
-  session::SteadyClock clock_;
+  const std::shared_ptr<const session::WallClock> clock_;
   std::unique_ptr<wire::Sockets> sockets_;
   std::map<std::string, std::unique_ptr<Guest>> guests_;
-  std::map<std::string, Stranger> strangers_;
+  Strangers strangers_;
   std::unique_ptr<session::Scheduler> scheduler_;
   session::AudioBlock block_;
   NoticeTally complaints_;
+  wire::Sockets::Counters told_;
   std::uint64_t next_name_ = 1;
 };
 

@@ -54,6 +54,7 @@ class Ingest {
   void fall_quiet(CueBatch& batch);
 
   synthesis::SampleTime sample_of(double time_s) const;
+  synthesis::PlanCounters counters() const { return planner_.counters(); }
 
  private:
   struct SheetState;

@@ -54,8 +54,13 @@ bool Render::complete() const noexcept {
   return mixer_.silent() || position_ - end_ > static_cast<synthesis::SampleTime>(kLongestTail_s * options_.rate_hz);
 }
 
+RenderCounters Render::counters() const noexcept {
+  return {mixer_.counters(), voices_most_, limiter_.limited(), limiter_.not_finite()};
+}
+
 void Render::next(AudioQuantum& out) noexcept {
   mixer_.render(position_, buses_);
+  voices_most_ = std::max(voices_most_, mixer_.counters().voices);
   std::fill(sum_.begin(), sum_.end(), 0.0f);
   const std::size_t bus_size = sum_.size();
   for (int bus = 0; bus < mixer_.buses(); ++bus) {

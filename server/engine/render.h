@@ -11,6 +11,13 @@
 
 namespace rustle::engine {
 
+/// What has sounded, and what was lost or altered on the way out.
+struct RenderCounters : synthesis::RenderCounters {
+  std::uint64_t voices_most = 0;         ///< that sounded at one time
+  std::uint64_t samples_limited = 0;     ///< turned down by the limiter
+  std::uint64_t samples_not_finite = 0;  ///< replaced by silence
+};
+
 /// The second half of the engine: batches of cues in, quanta of sound out.
 ///
 ///   cues ─► mixer ─► buses ─┬─► stems
@@ -38,8 +45,8 @@ class Render {
   /// The stream has ended and its tails have died away.
   bool complete() const noexcept;
 
-  synthesis::RenderCounters counters() const noexcept { return mixer_.counters(); }
-  std::uint64_t limited_samples() const noexcept { return limiter_.limited(); }
+  /// [render worker]
+  RenderCounters counters() const noexcept RUSTLE_NONBLOCKING;
 
  private:
   static constexpr double kLongestTail_s = 10;
@@ -52,6 +59,7 @@ class Render {
   std::vector<sheet::SheetId> sheets_;  ///< by index among the buses
   std::vector<float> buses_;            ///< [bus][channel][kQuantum]
   std::vector<float> sum_;              ///< [channel][kQuantum]
+  std::uint64_t voices_most_ = 0;
   synthesis::SampleTime position_ = 0;
   synthesis::SampleTime horizon_ = 0;
   synthesis::SampleTime end_ = 0;

@@ -42,6 +42,8 @@ class AnalysisStage {
   std::uint64_t frames = 0;
   std::uint64_t refused = 0;
 
+  synthesis::PlanCounters counters() const { return ingest_.counters(); }
+
  private:
   engine::Ingest ingest_;
   const OfflineEnds& ends_;
@@ -144,7 +146,8 @@ OfflineSummary render_offline(const engine::Options& options, std::shared_ptr<pa
     if (failure) std::rethrow_exception(failure);
   }
   summary.samples = render.position();
-  summary.limited_samples = render.limited_samples();
+  summary.plan = analysis.counters();
+  summary.render = render.counters();
   summary.frames = analysis.frames;
   summary.refused = analysis.refused;
   summary.analysis_s = analysis.spent_s;

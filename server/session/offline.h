@@ -29,7 +29,8 @@ struct OfflineSummary {
   std::int64_t samples = 0;
   std::uint64_t frames = 0;
   std::uint64_t refused = 0;
-  std::uint64_t limited_samples = 0;
+  synthesis::PlanCounters plan;
+  engine::RenderCounters render;
   double analysis_s = 0;   ///< spent in analysis
   double synthesis_s = 0;  ///< spent in synthesis
 };

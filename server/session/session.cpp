@@ -29,7 +29,7 @@ Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::P
       audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) *
              static_cast<std::size_t>(channel_count(options_.channels))) {}
 
-bool Session::offer(engine::StreamItem item, std::uint64_t sequence) {
+Offer Session::offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes) {
   const bool is_frame = std::holds_alternative<sheet::MeshFrame>(item);
   const bool is_end = std::holds_alternative<engine::End>(item);
   std::lock_guard lock(inbox_mutex_);
@@ -37,31 +37,38 @@ bool Session::offer(engine::StreamItem item, std::uint64_t sequence) {
   if (is_frame) ++counters_.frames_received;
   if (ended_) {
     if (is_frame) ++counters_.frames_dropped["ended"];
-    return false;
+    return Offer::kEnded;
   }
-  if (inbox_.size() >= kInboxLimit && !is_end) {
+  if (is_frame && live()) skip_backlog(bytes);
+  // A message larger than the inbox goes alone.
+  const bool too_many_bytes = !inbox_.empty() && inbox_bytes_ + bytes > kInboxBytes;
+  if (!is_end && (inbox_.size() >= kInboxMessages || too_many_bytes)) {
     if (is_frame) ++counters_.frames_dropped["inbox"];
-    return false;
+    return Offer::kFull;
   }
   ended_ = is_end;
-  if (is_frame) {
-    last_frame_ns_.store(clock_.now().count(), std::memory_order_relaxed);
-    if (live()) {
-      const auto frame = [](const Waiting& w) { return std::holds_alternative<sheet::MeshFrame>(w.item); };
-      if (static_cast<std::size_t>(std::count_if(inbox_.begin(), inbox_.end(), frame)) >= kBacklogBudget) {
-        inbox_.erase(std::find_if(inbox_.begin(), inbox_.end(), frame));
-        ++counters_.frames_dropped["backlog"];
-      }
-    }
-  }
-  inbox_.push_back({std::move(item), sequence});
-  return true;
+  if (is_frame) last_frame_ns_.store(clock_.now().count(), std::memory_order_relaxed);
+  inbox_bytes_ += bytes;
+  inbox_.push_back({std::move(item), sequence, bytes});
+  return Offer::kTaken;
 }
 
-void Session::count_drop(const std::string& cause) {
+void Session::skip_backlog(std::size_t bytes) {
+  const auto is_frame = [](const Waiting& w) { return std::holds_alternative<sheet::MeshFrame>(w.item); };
+  auto frames = static_cast<std::size_t>(std::count_if(inbox_.begin(), inbox_.end(), is_frame));
+  for (; frames > 0 && (frames >= kBacklogBudget || inbox_bytes_ + bytes > kInboxBytes); --frames) {
+    const auto oldest = std::find_if(inbox_.begin(), inbox_.end(), is_frame);
+    inbox_bytes_ -= oldest->bytes;
+    inbox_.erase(oldest);
+    ++counters_.frames_dropped["backlog"];
+  }
+}
+
+void Session::count_drop(const std::string& cause, std::uint64_t frames) {
+  if (frames == 0) return;
   std::lock_guard lock(inbox_mutex_);
-  ++counters_.frames_received;
-  ++counters_.frames_dropped[cause];
+  counters_.frames_received += frames;
+  counters_.frames_dropped[cause] += frames;
 }
 
 void Session::discard() {
@@ -70,6 +77,7 @@ void Session::discard() {
     if (std::holds_alternative<sheet::MeshFrame>(waiting.item)) ++counters_.frames_dropped["discarded"];
   }
   inbox_.clear();
+  inbox_bytes_ = 0;
 }
 
 bool Session::waiting() const {
@@ -108,8 +116,15 @@ double Session::time_of(std::int64_t sample) const {
 }
 
 Counters Session::counters() const {
+  const bool complete = complete_.load(std::memory_order_acquire);
+  const RenderFigures& rendered = render_figures_.latest();
+  std::int64_t due = rendered.settled_samples;
+  if (live() && !complete) due = std::max(due, live_target());
   std::lock_guard lock(inbox_mutex_);
-  return counters_;
+  Counters out = counters_;
+  out.render = rendered.counters;
+  out.samples_due = static_cast<std::uint64_t>(due);
+  return out;
 }
 
 // ---------------------------------------------------------------------------------------------------- analysis worker
@@ -120,13 +135,14 @@ bool Session::analyse() {
   if (held_) hand_over(std::move(held_));
   if (held_) return false;
 
-  Waiting next{engine::End{}, 0};
+  Waiting next{engine::End{}, 0, 0};
   bool waiting = false;
   {
     std::lock_guard lock(inbox_mutex_);
     if (!inbox_.empty()) {
       next = std::move(inbox_.front());
       inbox_.pop_front();
+      inbox_bytes_ -= next.bytes;
       busy_ = true;
       waiting = true;
     }
@@ -162,6 +178,7 @@ bool Session::analyse() {
   {
     std::lock_guard lock(inbox_mutex_);
     busy_ = false;
+    counters_.plan = ingest_.counters();
     if (!observed) {
       ++counters_.items_refused;
       if (frame != nullptr) ++counters_.frames_dropped["refused"];
@@ -247,6 +264,7 @@ Session::RenderOutcome Session::render() {
     if (!render_.complete() && !live()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
   }
   rendered_.store(render_.position(), std::memory_order_release);
+  render_figures_.publish({render_.counters(), std::max(render_.position(), live() ? 0 : render_.horizon())});
   if (render_.complete()) complete_.store(true, std::memory_order_release);
   return outcome;
 }

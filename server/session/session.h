@@ -20,7 +20,7 @@
 
 namespace rustle::session {
 
-/// Counters of a session. frames_received = frames_analysed + Σ frames_dropped + frames still waiting, always.
+/// Figures of a session. frames_received = frames_analysed + Σ frames_dropped + frames still waiting, always.
 struct Counters {
   std::uint64_t items_received = 0;
   std::uint64_t frames_received = 0;
@@ -31,6 +31,16 @@ struct Counters {
   std::uint64_t friction_episodes = 0;
   std::uint64_t tear_events = 0;
   double newest_time_s = 0;
+  synthesis::PlanCounters plan;
+  engine::RenderCounters render;
+  std::uint64_t samples_due = 0;  ///< that the session's clock has called for, tails of an ended stream included
+};
+
+/// What became of an item offered to a session.
+enum class Offer : std::uint8_t {
+  kTaken,
+  kFull,   ///< the inbox holds Session::kInboxMessages or Session::kInboxBytes: the sender ignores its credit
+  kEnded,  ///< the stream has ended before
 };
 
 /// What analysis tells the network thread.
@@ -65,11 +75,14 @@ class Session {
 
   // ---- [network thread]
 
-  /// Takes an item. In a live session frames beyond the backlog budget push out the oldest waiting one.
-  /// Error: the inbox is full because the sender ignores its credit.
-  [[nodiscard]] bool offer(engine::StreamItem item, std::uint64_t sequence);
-  /// Counts a frame that was refused before it became an item.
-  void count_drop(const std::string& cause);
+  static constexpr std::size_t kInboxMessages = 4096;
+  static constexpr std::size_t kInboxBytes = std::size_t{128} << 20;  ///< as received; twice what a flow credit allows
+
+  /// Takes an item that came in `bytes`. In a live session frames beyond the backlog budget, or beyond the inbox's bytes,
+  /// push out the oldest waiting ones.
+  [[nodiscard]] Offer offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes = 0);
+  /// Counts frames that were refused before they became items.
+  void count_drop(const std::string& cause, std::uint64_t frames = 1);
   /// Drops what waits, counted.
   void discard();
   /// Something has been offered that analysis has not finished with.
@@ -109,14 +122,20 @@ class Session {
   std::atomic<bool> analysis_scheduled{false};
 
  private:
-  static constexpr std::size_t kInboxLimit = 4096;
   static constexpr std::size_t kBacklogBudget = 3;
 
   struct Waiting {
     engine::StreamItem item;
     std::uint64_t sequence;
+    std::size_t bytes;
+  };
+  /// What the render side tells the network thread.
+  struct RenderFigures {
+    engine::RenderCounters counters;
+    std::int64_t settled_samples = 0;  ///< rendered, or ready to be
   };
 
+  void skip_backlog(std::size_t bytes);  // inbox_mutex_ is held
   bool live() const { return options_.clock == Clock::kLive; }
   std::int64_t live_target() const;
   tl::expected<std::optional<observation::Observation>, engine::Refusal> accept(const engine::StreamItem& item,
@@ -132,6 +151,7 @@ class Session {
 
   mutable std::mutex inbox_mutex_;
   std::deque<Waiting> inbox_;
+  std::size_t inbox_bytes_ = 0;
   bool busy_ = false;  ///< an item has left the inbox and is being analysed
   Counters counters_;
   bool ended_ = false;
@@ -155,6 +175,7 @@ class Session {
   engine::AudioQuantum quantum_;
   std::atomic<std::int64_t> rendered_{0};
   std::atomic<bool> complete_{false};
+  mutable LatestValue<RenderFigures> render_figures_;  // render worker → network thread
 
   SampleRing audio_;        // render worker → network thread
   std::int64_t taken_ = 0;  // network thread

@@ -90,4 +90,30 @@ class SampleRing {
   alignas(64) std::atomic<std::size_t> tail_{0};
 };
 
+/// The newest of the values that one producer thread writes, for one consumer thread. Wait-free; values in between are lost.
+template <typename T>
+class LatestValue {
+ public:
+  /// [producer]
+  void publish(const T& value) noexcept {
+    slots_[writing_] = value;
+    writing_ = between_.exchange(writing_ | kFresh, std::memory_order_acq_rel) & ~kFresh;
+  }
+
+  /// [consumer]
+  const T& latest() noexcept {
+    if ((between_.load(std::memory_order_relaxed) & kFresh) != 0)
+      reading_ = between_.exchange(reading_, std::memory_order_acq_rel) & ~kFresh;
+    return slots_[reading_];
+  }
+
+ private:
+  static constexpr unsigned kFresh = 4;
+
+  T slots_[3]{};
+  unsigned writing_ = 0;
+  std::atomic<unsigned> between_{1};
+  unsigned reading_ = 2;
+};
+
 }  // namespace rustle::session

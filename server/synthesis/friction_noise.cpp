@@ -246,6 +246,7 @@ class FrictionNoise final : public RenderModel {
   bool silent() const noexcept override { return sources_active_ == 0 && buses_sounding_ == 0; }
 
   void add_counters(RenderCounters& counters) const noexcept override {
+    counters.voices += static_cast<std::uint64_t>(sources_active_);
     counters.sources_dropped += dropped_;
     counters.cues_dropped += unusable_;
   }

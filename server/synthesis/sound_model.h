@@ -47,7 +47,7 @@ struct SheetPlan {
 /// What the plan halves could not sound.
 struct PlanCounters {
   std::uint64_t sounds_missing = 0;   ///< the pack has no unit or spectrum for it
-  std::uint64_t planes_left_out = 0;  ///< more reflecting planes than spatial::kMaxPlanes
+  std::uint64_t planes_left_out = 0;  ///< times a plane was beyond spatial::kMaxPlanes
 };
 
 /// Plan half: observations into cues; may hold cues back until they are due. [analysis worker]
@@ -91,12 +91,13 @@ struct BusSamples {
   }
 };
 
-/// What the render halves lost for want of room, or because it was not finite.
+/// What the render halves play, and what they lost for want of room or because it was not finite.
 struct RenderCounters {
-  std::uint64_t voices_stolen = 0;
-  std::uint64_t voices_dropped = 0;
-  std::uint64_t sources_dropped = 0;
-  std::uint64_t cues_dropped = 0;
+  std::uint64_t voices = 0;           ///< units and friction sources that sound now
+  std::uint64_t voices_stolen = 0;    ///< faded early for a louder one
+  std::uint64_t voices_dropped = 0;   ///< not begun
+  std::uint64_t sources_dropped = 0;  ///< of friction: displaced or not begun
+  std::uint64_t cues_dropped = 0;     ///< beyond kMaxWaitingCues, or not usable
 };
 
 /// Render half: everything is allocated by construction. [render worker]

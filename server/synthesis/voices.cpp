@@ -136,6 +136,7 @@ class Voices final : public RenderModel {
   bool silent() const noexcept override { return sounding_ + fading_ == 0; }
 
   void add_counters(RenderCounters& counters) const noexcept override {
+    counters.voices += static_cast<std::uint64_t>(sounding_ + fading_);
     counters.voices_stolen += stolen_;
     counters.voices_dropped += dropped_;
     counters.cues_dropped += unusable_;

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "proto/statistics_figures.h"
 #include "rustle/v1/session.pb.h"
 #include "server/wire/decode.h"
 #include "server/wire/fields.h"
@@ -82,7 +83,7 @@ tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const L
     case v1::ControlRequest::kAttach:
       return decode_attach(request.attach(), limits);
     case v1::ControlRequest::kDetach:
-      return DetachRequest{.discard = request.detach().discard()};
+      return DetachRequest{.discard = request.detach().discard(), .last_sequence = request.detach().last_sequence()};
     case v1::ControlRequest::kSetGains:
       return decode_gains(request.set_gains(), limits);
     case v1::ControlRequest::kGetStatistics:
@@ -135,24 +136,8 @@ void write(const Gain& gain, v1::Gain* out) {
 
 void write(const Statistics& statistics, v1::Statistics* out) {
   out->set_session_id(statistics.session_id);
-  out->set_messages_received(statistics.messages_received);
-  out->set_frames_received(statistics.frames_received);
-  out->set_frames_analysed(statistics.frames_analysed);
   for (const auto& [cause, count] : statistics.frames_dropped) (*out->mutable_frames_dropped())[cause] = count;
-  out->set_messages_refused(statistics.messages_refused);
-  out->set_sequence_gaps(statistics.sequence_gaps);
-  out->set_samples_due(statistics.samples_due);
-  out->set_samples_sent(statistics.samples_sent);
-  out->set_samples_in_gaps(statistics.samples_in_gaps);
-  out->set_voices(statistics.voices);
-  out->set_crumpling_events(statistics.crumpling_events);
-  out->set_friction_episodes(statistics.friction_episodes);
-  out->set_tear_events(statistics.tear_events);
-  out->set_newest_time_s(statistics.newest_time_s);
-  out->set_rendered_time_s(statistics.rendered_time_s);
-  out->set_playout_delay_s(statistics.playout_delay_s);
-  out->set_clock_drift_ppm(statistics.clock_drift_ppm);
-  out->set_load_level(statistics.load_level);
+  v1::for_each_figure<Statistics>([&](const char*, auto member, auto, auto set) { (out->*set)(statistics.*member); });
 }
 
 void write(const PackInfo& pack, v1::PackInfo* out) {

@@ -39,6 +39,7 @@ struct AttachRequest {
 };
 struct DetachRequest {
   bool discard = false;
+  std::uint64_t last_sequence = 0;  ///< of the stream; 0: not told
 };
 struct SetGainsRequest {
   std::vector<Gain> gains;
@@ -88,6 +89,7 @@ struct Attached {
   session::SessionOptions options;   ///< as in force
   std::optional<FlowCredit> credit;  ///< simulation clock: the first window
 };
+/// As session.proto says of each.
 struct Statistics {
   std::string session_id;
   std::uint64_t messages_received = 0;
@@ -108,6 +110,15 @@ struct Statistics {
   double playout_delay_s = 0;
   double clock_drift_ppm = 0;
   std::uint32_t load_level = 0;
+  std::uint64_t voices_most = 0;
+  std::uint64_t voices_stolen = 0;
+  std::uint64_t voices_dropped = 0;
+  std::uint64_t sources_dropped = 0;
+  std::uint64_t cues_dropped = 0;
+  std::uint64_t sounds_missing = 0;
+  std::uint64_t planes_left_out = 0;
+  std::uint64_t samples_limited = 0;
+  std::uint64_t samples_not_finite = 0;
 };
 struct Detached {
   Statistics statistics;

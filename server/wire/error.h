@@ -27,6 +27,7 @@ enum class ErrorCode : std::uint8_t {
   kOverloaded = 15,
   kUnsupported = 16,
   kStorage = 17,
+  kIdle = 18,  ///< nothing came for so long that the daemon ended the session
 };
 
 /// The code as notices and logs spell it, such as "unknown_topology".
@@ -68,6 +69,8 @@ constexpr std::string_view code_name(ErrorCode code) {
       return "unsupported";
     case ErrorCode::kStorage:
       return "storage";
+    case ErrorCode::kIdle:
+      return "idle";
   }
   return "unspecified";
 }

@@ -38,6 +38,7 @@ constexpr int kReconnectMaxMs = 1'000;
 constexpr int kControlQueueMessages = 256;
 constexpr std::int64_t kSubscriptionBytes = 1024;
 constexpr int kBatch = 256;
+constexpr std::size_t kBatchBytes = std::size_t{64} << 20;  ///< of the stream: a batch ends with the message that exceeds it
 
 class Socket {
  public:
@@ -183,12 +184,13 @@ struct Sockets::Impl {
 
   void read_stream(std::vector<Event>& events) {
     std::vector<Message> parts;
-    std::size_t count = 0;
-    for (int i = 0; i < kBatch && receive(stream.get(), parts, count); ++i) {
+    std::size_t count = 0, bytes = 0;
+    for (int i = 0; i < kBatch && bytes < kBatchBytes && receive(stream.get(), parts, count); ++i) {
       if (count > 2) {
         ++counters.malformed_messages;
         continue;
       }
+      bytes += parts.back().bytes().size();
       events.emplace_back(
           StreamReceived{.topic = count == 2 ? text_of(parts[0]) : std::string(), .bytes = std::move(parts[count - 1])});
     }
@@ -225,9 +227,8 @@ struct Sockets::Impl {
     return sent;
   }
 
-  void publish(std::string_view topic, std::string_view bytes) {
-    send_part(out.get(), topic, ZMQ_SNDMORE);
-    send_part(out.get(), bytes, 0);
+  bool publish(std::string_view topic, std::string_view bytes) {
+    return send_part(out.get(), topic, ZMQ_SNDMORE) && send_part(out.get(), bytes, 0);
   }
 
   void send_waiting() {
@@ -333,8 +334,8 @@ void Sockets::poll(std::chrono::milliseconds timeout, std::vector<Event>& events
 bool Sockets::send_control(const ControlPeer& peer, std::string_view bytes) {
   return impl_->send_control(peer, bytes);
 }
-void Sockets::publish(std::string_view topic, std::string_view bytes) {
-  impl_->publish(topic, bytes);
+bool Sockets::publish(std::string_view topic, std::string_view bytes) {
+  return impl_->publish(topic, bytes);
 }
 
 bool Sockets::has_listener(std::string_view topic) const {

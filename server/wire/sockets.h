@@ -86,13 +86,15 @@ class Sockets {
   const std::string& out_endpoint() const;
 
   /// Sends what was posted, waits until something arrives, is posted, wake() is called or the timeout passes, and appends
-  /// what arrived to `events`: at most 256 of each socket, in each socket's order. [network thread]
+  /// what arrived to `events`: at most 256 of each socket, and 64 MiB of the stream, in each socket's order. [network
+  /// thread]
   void poll(std::chrono::milliseconds timeout, std::vector<Event>& events);
 
   /// False where the asker has gone or does not read. [network thread]
   bool send_control(const ControlPeer& peer, std::string_view bytes);
+  /// False where the socket did not take it. A listener that lags loses the message without a word here.
   /// [network thread]
-  void publish(std::string_view topic, std::string_view bytes);
+  bool publish(std::string_view topic, std::string_view bytes);
   /// True where some subscription covers the topic. [network thread]
   bool has_listener(std::string_view topic) const;
   /// Subscriptions in force, in order. [network thread]

@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "sound_db/pack/load.h"
 #include "sound_db/pack/manifest.h"
 
 namespace rustle::pack {
@@ -48,8 +47,13 @@ std::vector<fs::path> default_search_folders() {
   return folders;
 }
 
-PackLibrary::PackLibrary(std::vector<fs::path> folders) : folders_(std::move(folders)) {
+PackLibrary::PackLibrary(std::vector<fs::path> folders, Loader loader)
+    : folders_(std::move(folders)), loader_(std::move(loader)) {
   rescan();
+}
+
+PackLibrary::Loader PackLibrary::load_folder() {
+  return [](const fs::path& folder, const LoadOptions& options) { return pack::load(folder, options); };
 }
 
 void PackLibrary::rescan() {
@@ -120,17 +124,22 @@ tl::expected<PackEntry, PackError> PackLibrary::find(const std::string& material
   return tl::unexpected(std::move(error));
 }
 
-tl::expected<std::shared_ptr<const SoundPack>, PackError> PackLibrary::load(const std::string& material,
-                                                                            const std::string& touched_surface,
-                                                                            std::uint32_t rate_hz, std::uint32_t fft_size) {
+PackLibrary::Result PackLibrary::load(const std::string& material, const std::string& touched_surface, std::uint32_t rate_hz,
+                                      std::uint32_t fft_size) {
   const auto entry = find(material, touched_surface);
   if (!entry) return tl::unexpected(entry.error());
   const Key key{entry->folder, rate_hz, fft_size};
-  // Held while loading: a second session asking for the same pack waits for it instead of loading it again.
-  const std::lock_guard lock(mutex_);
-  if (auto shared = loaded_[key].lock()) return shared;
-  auto pack = pack::load(entry->folder, LoadOptions{rate_hz, fft_size});
-  if (pack) loaded_[key] = *pack;
+  std::shared_ptr<Loaded> loaded;
+  {
+    const std::lock_guard lock(mutex_);
+    auto& place = loaded_[key];
+    if (!place) place = std::make_shared<Loaded>();
+    loaded = place;
+  }
+  const std::lock_guard lock(loaded->mutex);
+  if (auto shared = loaded->pack.lock()) return shared;
+  auto pack = loader_(entry->folder, LoadOptions{rate_hz, fft_size});
+  if (pack) loaded->pack = *pack;
   return pack;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -11,6 +12,7 @@
 
 #include <tl/expected.hpp>
 
+#include "sound_db/pack/load.h"
 #include "sound_db/pack/pack_error.h"
 #include "sound_db/pack/sound_pack.h"
 
@@ -36,7 +38,11 @@ std::vector<std::filesystem::path> default_search_folders();
 /// Control side, any thread.
 class PackLibrary {
  public:
-  explicit PackLibrary(std::vector<std::filesystem::path> folders = default_search_folders());
+  using Result = tl::expected<std::shared_ptr<const SoundPack>, PackError>;
+  /// Reads a pack's folder; any thread, several at a time.
+  using Loader = std::function<Result(const std::filesystem::path& folder, const LoadOptions& options)>;
+
+  explicit PackLibrary(std::vector<std::filesystem::path> folders = default_search_folders(), Loader loader = load_folder());
 
   /// Looks again and forgets what was loaded; packs in use stay as they are.
   void rescan();
@@ -53,20 +59,27 @@ class PackLibrary {
   [[nodiscard]] tl::expected<PackEntry, PackError> find(const std::string& material,
                                                         const std::string& touched_surface = {}) const;
 
-  /// find, then load at a rate; fft_size 0: spectra as stored.
-  [[nodiscard]] tl::expected<std::shared_ptr<const SoundPack>, PackError> load(const std::string& material,
-                                                                               const std::string& touched_surface,
-                                                                               std::uint32_t rate_hz,
-                                                                               std::uint32_t fft_size = 0);
+  /// find, then load at a rate; fft_size 0: spectra as stored. Reads files, but once for all who ask for the same pack
+  /// meanwhile; nobody else waits.
+  [[nodiscard]] Result load(const std::string& material, const std::string& touched_surface, std::uint32_t rate_hz,
+                            std::uint32_t fft_size = 0);
 
  private:
+  static Loader load_folder();
+
   using Key = std::tuple<std::filesystem::path, std::uint32_t, std::uint32_t>;
+  /// A pack at a rate. Its lock is held while it is read, so that who wants the same one waits instead of reading it again.
+  struct Loaded {
+    std::mutex mutex;
+    std::weak_ptr<const SoundPack> pack;
+  };
 
   const std::vector<std::filesystem::path> folders_;
+  const Loader loader_;
   mutable std::mutex mutex_;
   std::vector<PackEntry> entries_;
   std::vector<PackError> broken_;
-  std::map<Key, std::weak_ptr<const SoundPack>> loaded_;
+  std::map<Key, std::shared_ptr<Loaded>> loaded_;
 };
 
 }  // namespace rustle::pack

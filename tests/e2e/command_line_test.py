@@ -20,6 +20,18 @@ class Help(RustleTest):
         self.assertIn("Example: rustled", done.stdout)
 
 
+class Words(RustleTest):
+    def test_one_is_singular(self):
+        material, triangles = grid(0.1, 0.1, 1, 1)
+        flat = np.concatenate([material, 0 * material[:, :1]], 1)
+        path = save_npz(self.folder / "one.npz", flat[None], triangles, [0.0])
+        said = rustle("import", path, "-o", self.folder / "one.mcap").stdout
+        self.assertIn("1 frame from", said)
+        self.assertIn("1 topology, 2 triangles, 0 obstacles", said)
+        self.assertIn("from 1 frame, 0 crumpling events, 0 friction episodes, 0 tears;",
+                      rustle("render", self.folder / "one.mcap", "-o", self.folder / "one.wav").stdout)
+
+
 class WrongUsage(RustleTest):
     def complaint(self, status, *arguments):
         text = rustle(*arguments, status=status).stderr

@@ -154,6 +154,42 @@ class Replay(RustleTest):
         self.assertGreaterEqual(len(samples), 3 * rate)
         self.assertGreater(np.abs(samples).max(), 1e-3)
 
+    def test_a_killed_daemon_is_noticed_and_named(self):
+        for clock in ("simulation", "live"):
+            folder = self.folder / clock
+            folder.mkdir()
+            with self.subTest(clock=clock), daemon(folder) as ends:
+                wav = self.folder / f"{clock}.wav"
+                replay = subprocess.Popen([BIN / "rustle", "replay", STORED_CAPTURE, "--loop", "0", "--clock", clock, "--wav", wav,
+                                           "--control", ends["control"]], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+                try:
+                    time.sleep(0.7)
+                    self.assertIsNone(replay.poll())
+                    ends["process"].kill()
+                    complaint = replay.communicate(timeout=8)[1]  # 2 s, and what a busy machine takes
+                finally:
+                    replay.kill()
+                self.assertEqual(replay.returncode, 1)
+                self.assertIn(ends["control"], complaint)
+                self.assertIn("start it again", complaint)
+                self.assertNotIn("set_send_timeout", complaint)
+
+    def test_figures_are_told_by_replay_and_render(self):
+        losses = ["voices_most", "voices_stolen", "voices_dropped", "sources_dropped", "cues_dropped", "sounds_missing",
+                  "planes_left_out", "samples_limited", "samples_not_finite"]
+        wav, rendered = self.folder / "replayed.wav", self.folder / "rendered.wav"
+        with daemon(self.folder) as ends:
+            done = rustle("replay", STORED_CAPTURE, "--clock", "simulation", "--control", ends["control"], "--json", "--wav", wav)
+        replayed = json.loads(done.stdout)
+        offline = json.loads(rustle("render", STORED_CAPTURE, "-o", rendered, "--json").stdout)
+        self.assertEqual({name: replayed[name] for name in losses}, {name: offline[name] for name in losses})
+        self.assertGreater(replayed["voices_most"], 0)
+        samples = len(read_wav(wav)[1])
+        self.assertEqual((replayed["samples_due"], replayed["samples_sent"], replayed["samples_in_gaps"]), (samples, samples, 0))
+        self.assertEqual(offline["samples"], samples)
+        for name in ("messages_received", "rendered_time_s", "playout_delay_s", "clock_drift_ppm", "load_level", "voices"):
+            self.assertIn(name, replayed)
+
     def test_a_part_of_a_capture(self):
         with daemon(self.folder) as ends:
             done = rustle("replay", STORED_CAPTURE, "--clock", "simulation", "--from", 0.5, "--to", 1.0, "--control", ends["control"], "--json")

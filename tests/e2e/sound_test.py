@@ -5,7 +5,7 @@ import numpy as np
 from support import RustleTest, bent, curvature_of, grid, main, rms_dbfs, save_npz, table
 
 
-def third_octaves_db(samples, rate, low=250, high=20000):
+def third_octaves_db(samples, rate, low=100, high=20000):
     """Level per third-octave band of the mean of the channels' power."""
     power = np.mean(np.abs(np.fft.rfft(samples, axis=0)) ** 2, axis=1)
     frequency = np.fft.rfftfreq(len(samples), 1 / rate)
@@ -70,7 +70,10 @@ class Sliding(RustleTest):
             seen[rate] = [(e["kind"], round(e["time_s"], 4), round(e["amplitude"], 6)) for e in events]
         for rate in (44100, 96000):
             self.assertEqual(seen[rate], seen[48000])
-            self.assertLess(np.abs(spectra[rate] - spectra[48000]).max(), 1.5)
+            # Below 1 kHz a band holds a bin or two, whose places differ with the rate.
+            difference = np.abs(spectra[rate] - spectra[48000])
+            self.assertLess(difference.max(), 1.5)
+            self.assertLess(difference[10:].max(), 0.5)
 
 
 class Reversal(RustleTest):

@@ -15,6 +15,7 @@
 #include "client_sdk/capture/obstacle_plane.h"
 #include "client_sdk/capture/triangle_mesh.h"
 #include "client_sdk/capture/zip_archive.h"
+#include "server/wire/limits.h"
 #include "tests/unit/capture/npz_builder.h"
 #include "tests/unit/capture/scratch_folder.h"
 
@@ -401,6 +402,20 @@ TEST_CASE("a failed import leaves the capture that was there") {
   replace(spoilt, "times", npy<double>("<f8", {3}, {0, 2, 1}));
   REQUIRE_FALSE(import_entries(folder, spoilt));
   CHECK(messages_of(folder / "square.mcap").size() == 7);
+}
+
+TEST_CASE("a mesh that no daemon takes is refused before it is a capture") {
+  const ScratchFolder folder;
+  const std::size_t limit = rustle::wire::Limits{}.vertices;
+  for (const std::size_t vertices : {limit, limit + 1}) {
+    Entries entries = square_entries();
+    replace(entries, "positions", npy("<f4", {1, vertices, 3}, std::vector<float>(3 * vertices)));
+    replace(entries, "times", npy<double>("<f8", {1}, {0.5}));
+    replace(entries, "pinned", npy<std::uint8_t>("|b1", {vertices}, std::vector<std::uint8_t>(vertices)));
+    const auto result = import_entries(folder, entries);
+    CHECK(result.has_value() == (vertices == limit));
+    if (!result) CHECK(result.error().remedy == "simplify the mesh");
+  }
 }
 
 TEST_CASE("options and places that cannot be") {

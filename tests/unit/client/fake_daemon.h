@@ -26,6 +26,7 @@ class FakeDaemon {
     std::uint32_t window_messages = 4;
     std::uint64_t window_bytes = 0;
     bool acknowledges = true;
+    bool knows_sessions = true;     ///< false: answers for none, as a daemon that was started anew
     std::string error_on_attach{};  ///< refused with this message
   };
 
@@ -67,6 +68,11 @@ class FakeDaemon {
   std::size_t received_count() const {
     const std::lock_guard lock(mutex_);
     return received_.size();
+  }
+  /// Of the newest detach.
+  std::uint64_t last_sequence() const {
+    const std::lock_guard lock(mutex_);
+    return last_sequence_;
   }
   std::vector<std::string> asked() const {
     const std::lock_guard lock(mutex_);
@@ -134,11 +140,20 @@ class FakeDaemon {
       reply(attached);
     } else if (std::holds_alternative<wire::DetachRequest>(request->body)) {
       note("detach " + request->session_id);
+      {
+        const std::lock_guard lock(mutex_);
+        last_sequence_ = std::get<wire::DetachRequest>(request->body).last_sequence;
+      }
       wire::Statistics statistics;
       statistics.session_id = request->session_id;
       statistics.messages_received = received_count();
       statistics.frames_dropped["late"] = 2;
       reply(wire::Detached{statistics});
+    } else if (std::holds_alternative<wire::GetStatisticsRequest>(request->body) && !behaviour_.knows_sessions) {
+      wire::Error error;
+      error.code = wire::ErrorCode::kUnknownSession;
+      error.message = "There is no such session.";
+      reply(error);
     } else if (std::holds_alternative<wire::GetStatisticsRequest>(request->body)) {
       wire::Statistics statistics;
       statistics.session_id = request->session_id;
@@ -179,6 +194,7 @@ class FakeDaemon {
   mutable std::mutex mutex_;
   std::vector<v1::StreamMessage> received_{};
   std::vector<std::string> asked_{};
+  std::uint64_t last_sequence_ = 0;
   std::thread thread_;
 };
 

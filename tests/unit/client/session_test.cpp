@@ -1,4 +1,6 @@
 #include <cstring>
+#include <memory>
+#include <set>
 
 #include <unistd.h>
 
@@ -362,4 +364,116 @@ TEST_CASE("a session is detached once, by itself if need be", "[client]") {
   // The answer to that stays unread; later questions still get theirs.
   CHECK(connection.ping().has_value());
   CHECK(connection.statistics("z")->session_id == "z");
+}
+
+TEST_CASE("a daemon that goes away is noticed, and named", "[client]") {
+  const std::string control = "ipc:///tmp/rustle-test-gone-" + std::to_string(::getpid());
+  auto daemon = std::make_unique<FakeDaemon>(FakeDaemon::Behaviour{.window_messages = 2, .acknowledges = false}, control);
+  const Connection connection = connect(*daemon);
+  // Without being noticed its end would be an hour's wait.
+  const auto ends_by_itself = [&](auto&& call) {
+    daemon.reset();
+    const auto result = call();
+    REQUIRE_FALSE(result.has_value());
+    CHECK(result.error().code_name == "unreachable");
+    CHECK(result.error().message.find(control) != std::string::npos);
+    CHECK(result.error().remedy.find("start it again") != std::string::npos);
+    CHECK(result.error().remedy.find("set_send_timeout") == std::string::npos);
+  };
+  CHECK(connection.check().has_value());
+  SECTION("while frames wait for credit") {
+    Session session = attach(connection, Clock::kSimulation);
+    session.set_send_timeout(1h);
+    REQUIRE(session.add_topology(topology()).has_value());
+    REQUIRE(session.frame(1, 7, 0, kPositions).has_value());
+    ends_by_itself([&] { return session.frame(1, 7, 1, kPositions); });
+  }
+  SECTION("while the last messages wait for their acknowledgement") {
+    Session session = attach(connection, Clock::kSimulation);
+    REQUIRE(session.add_topology(topology()).has_value());
+    ends_by_itself([&] { return session.drain(1h); });
+  }
+  SECTION("by live frames, which wait for nothing") {
+    Session session = attach(connection, Clock::kLive);
+    REQUIRE(session.add_topology(topology()).has_value());
+    ends_by_itself([&] {
+      SendResult sent = session.frame(1, 7, 0, kPositions);
+      for (int k = 1; sent && k < 10'000; ++k) {
+        std::this_thread::sleep_for(1ms);
+        sent = session.frame(1, 7, k, kPositions);
+      }
+      return sent;
+    });
+  }
+  SECTION("by who only asks") {
+    daemon.reset();
+    bool gone = false;
+    for (int k = 0; k < 10'000 && !gone; ++k) {
+      std::this_thread::sleep_for(1ms);
+      gone = !connection.check();
+    }
+    CHECK(gone);
+    CHECK(connection.ping().error().code_name == "unreachable");
+  }
+}
+
+TEST_CASE("a daemon that was started anew does not know the session", "[client]") {
+  const std::string control = "ipc:///tmp/rustle-test-anew-" + std::to_string(::getpid());
+  auto daemon = std::make_unique<FakeDaemon>(FakeDaemon::Behaviour{.window_messages = 2, .acknowledges = false}, control);
+  const Connection connection = connect(*daemon);
+  Session session = attach(connection, Clock::kSimulation);
+  session.set_send_timeout(1h);
+  REQUIRE(session.add_topology(topology()).has_value());
+  REQUIRE(session.frame(1, 7, 0, kPositions).has_value());
+  daemon.reset();
+  daemon = std::make_unique<FakeDaemon>(FakeDaemon::Behaviour{.knows_sessions = false}, control);
+  const auto sent = session.frame(1, 7, 1, kPositions);
+  REQUIRE_FALSE(sent.has_value());
+  CHECK((sent.error().code_name == "unknown_session" || sent.error().code_name == "unreachable"));
+}
+
+TEST_CASE("a session that the daemon ended takes no more messages", "[client]") {
+  FakeDaemon daemon({});
+  Session session = attach(connect(daemon), Clock::kLive);
+  wire::Error error;
+  error.code = wire::ErrorCode::kIdle;
+  error.field = "stream";
+  error.message = "Nothing came for 300 s.";
+  error.remedy = "Attach again.";
+  daemon.post(wire::notices_topic("s1"), wire::encode_notice({.session_id = "s1", .sequence = 1}, wire::notice_of(error)));
+  std::vector<Notice> notices;
+  REQUIRE(daemon.wait_until([&] { return !(notices = session.poll_notices()).empty(); }));
+  const auto sent = session.advance(1);
+  REQUIRE_FALSE(sent.has_value());
+  CHECK(sent.error().code_name == "idle");
+  CHECK(sent.error().remedy == "Attach again.");
+}
+
+TEST_CASE("who detaches says what was sent last", "[client]") {
+  FakeDaemon daemon({});
+  {
+    Session session = attach(connect(daemon), Clock::kLive);
+    for (int k = 1; k <= 3; ++k) REQUIRE(session.advance(k).has_value());
+    REQUIRE(session.detach().has_value());
+    CHECK(daemon.last_sequence() == 3);
+  }
+  {
+    Session session = attach(connect(daemon), Clock::kLive);
+    REQUIRE(session.advance(1).has_value());
+  }
+  CHECK(daemon.wait_until([&] { return daemon.last_sequence() == 1; }));
+}
+
+TEST_CASE("every figure of the statistics has its name and value", "[client]") {
+  Statistics statistics;
+  statistics.voices_stolen = 3;
+  statistics.clock_drift_ppm = -4.5;
+  std::set<std::string> names;
+  for (const Figure& figure : figures(statistics)) {
+    names.insert(figure.name);
+    if (figure.name == "voices_stolen") CHECK(std::get<std::uint64_t>(figure.value) == 3);
+    if (figure.name == "clock_drift_ppm") CHECK(std::get<double>(figure.value) == -4.5);
+  }
+  CHECK(names.contains("samples_in_gaps"));
+  CHECK(names.size() == static_cast<std::size_t>(v1::Statistics::descriptor()->field_count()) - 2);
 }

@@ -1,6 +1,9 @@
 #include <stdlib.h>
 
+#include <atomic>
 #include <catch2/catch.hpp>
+#include <chrono>
+#include <future>
 #include <set>
 
 #include "sound_db/pack/library.h"
@@ -93,4 +96,55 @@ TEST_CASE("RUSTLE_PACK_PATH comes first, the program's own share folder next") {
   CHECK(folders[1] == "/b");
   CHECK_THAT(folders[2].string(), Catch::Matchers::EndsWith("/share/rustle/packs"));
   CHECK(folders[3] == "/usr/share/rustle/packs");
+}
+
+TEST_CASE("a pack is read once for all who ask, and nobody else waits for it") {
+  const TemporaryFolder folder;
+  SoundPack second = example_pack();
+  second.material = "parchment";
+  REQUIRE(write(example_pack(), folder.path() / "a"));
+  REQUIRE(write(second, folder.path() / "b"));
+  std::atomic<int> reads{0};
+  std::promise<void> begun, go_on;
+  const std::shared_future<void> may_go_on = go_on.get_future().share();
+  PackLibrary packs({folder.path()}, [&](const std::filesystem::path& pack, const LoadOptions& options) {
+    ++reads;
+    if (pack.filename() == "a") {
+      if (options.rate_hz == 48000) begun.set_value();
+      may_go_on.wait();
+    }
+    return load(pack, options);
+  });
+  const auto ask = [&](const char* material, std::uint32_t rate_hz) {
+    return std::async(std::launch::async, [&packs, material, rate_hz] { return packs.load(material, {}, rate_hz); });
+  };
+  auto first = ask("vellum", 48000);
+  begun.get_future().wait();
+  auto same = ask("vellum", 48000);
+  // Who waits for the first read would wait for ever.
+  auto other = ask("parchment", 48000);
+  auto found = std::async(std::launch::async, [&packs] { return packs.find("vellum"); });
+  const auto comes = [](auto& future) { return future.wait_for(std::chrono::seconds(20)) == std::future_status::ready; };
+  CHECK(comes(other));
+  CHECK(comes(found));
+  CHECK(same.wait_for(std::chrono::milliseconds(50)) == std::future_status::timeout);
+  go_on.set_value();
+  const auto a = first.get(), b = same.get();
+  REQUIRE(a);
+  REQUIRE(b);
+  CHECK(a->get() == b->get());
+  CHECK(other.get());
+  CHECK(reads == 2);
+}
+
+TEST_CASE("a pack that could not be read is read again when asked for again") {
+  const TemporaryFolder folder;
+  REQUIRE(write(example_pack(), folder.path() / "a"));
+  int reads = 0;
+  PackLibrary packs({folder.path()}, [&](const std::filesystem::path& pack, const LoadOptions& options) {
+    if (++reads == 1) return PackLibrary::Result(tl::unexpected(PackError{pack.string(), "", "is away", "wait"}));
+    return load(pack, options);
+  });
+  CHECK_FALSE(packs.load("vellum", {}, 48000));
+  CHECK(packs.load("vellum", {}, 48000));
 }

@@ -1,10 +1,13 @@
 #include <catch2/catch.hpp>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <numeric>
 #include <thread>
 
 #include "client_sdk/sheets/demos.h"
+#include "server/session/clock_drift.h"
 #include "server/session/offline.h"
 #include "server/session/scheduler.h"
 #include "server/session/settled_options.h"
@@ -33,6 +36,8 @@ std::shared_ptr<pack::PackLibrary> packs() {
 engine::SheetDescription described() {
   return {1, "sheet", engine::SheetKind::kPaper, "", "", {}, {}};
 }
+
+constexpr auto kTaken = session::Offer::kTaken;
 
 std::uint64_t dropped(const session::Counters& counters) {
   return std::accumulate(counters.frames_dropped.begin(), counters.frames_dropped.end(), std::uint64_t{0},
@@ -99,8 +104,8 @@ TEST_CASE("Of a live backlog the oldest frames are skipped and counted") {
   session::Session live("live", {}, packs(), clock);
   const auto sheet = sheets::make_demo("shake", 183);
   const test_support::AnimatedFrames frames(*sheet);
-  REQUIRE(live.offer(described(), 1));
-  for (int k = 0; k < 10; ++k) REQUIRE(live.offer(frames.at(k / 60.0), static_cast<std::uint64_t>(k) + 2));
+  REQUIRE(live.offer(described(), 1) == kTaken);
+  for (int k = 0; k < 10; ++k) REQUIRE(live.offer(frames.at(k / 60.0), static_cast<std::uint64_t>(k) + 2) == kTaken);
   while (live.analyse()) {
   }
   const auto counters = live.counters();
@@ -115,13 +120,13 @@ TEST_CASE("Contacts end when a live sender goes quiet") {
   session::Session live("live", {}, packs(), clock);
   const auto sheet = sheets::make_demo("slide", 446);
   const test_support::AnimatedFrames frames(*sheet);
-  REQUIRE(live.offer(described(), 1));
+  REQUIRE(live.offer(described(), 1) == kTaken);
   scene::Obstacle table;
   table.id = 1;
   table.shape = scene::PlaneShape{};
-  REQUIRE(live.offer(scene::SceneUpdate{0, {table}, {}, {}, {}}, 2));
+  REQUIRE(live.offer(scene::SceneUpdate{0, {table}, {}, {}, {}}, 2) == kTaken);
   for (int k = 0; k < 60; ++k) {
-    REQUIRE(live.offer(frames.at(0.3 + k / 60.0), static_cast<std::uint64_t>(k) + 3));
+    REQUIRE(live.offer(frames.at(0.3 + k / 60.0), static_cast<std::uint64_t>(k) + 3) == kTaken);
     while (live.analyse()) {
     }
     clock.advance(1 / 60.0);
@@ -140,7 +145,7 @@ TEST_CASE("Contacts end when a live sender goes quiet") {
   CHECK(std::all_of(after.end() - 20000, after.end(), [](float x) { return x == 0; }));
 
   for (int k = 0; k < 30; ++k) {
-    REQUIRE(live.offer(frames.at(1.4 + k / 60.0), static_cast<std::uint64_t>(k) + 63));
+    REQUIRE(live.offer(frames.at(1.4 + k / 60.0), static_cast<std::uint64_t>(k) + 63) == kTaken);
     while (live.analyse()) {
     }
     clock.advance(1 / 60.0);
@@ -178,7 +183,7 @@ TEST_CASE("A simulation session in threads gives the samples of the offline rend
   scheduler.add(live);
   std::uint64_t sequence = 0;
   for (const auto& item : items) {
-    REQUIRE(live->offer(item, ++sequence));
+    REQUIRE(live->offer(item, ++sequence) == kTaken);
     scheduler.wake_analysis(live);
   }
   std::vector<float> threaded;
@@ -193,8 +198,135 @@ TEST_CASE("A simulation session in threads gives the samples of the offline rend
   CHECK(threaded == offline);
   const auto counters = live->counters();
   CHECK(counters.frames_received == counters.frames_analysed + dropped(counters));
-  CHECK_FALSE(live->offer(frames.at(9), ++sequence));
+  CHECK(live->offer(frames.at(9), ++sequence) == session::Offer::kEnded);
   CHECK(live->counters().frames_dropped.at("ended") == 1);
+}
+
+TEST_CASE("An inbox holds so many bytes and no more, whatever the clock") {
+  HandClock clock;
+  const auto sheet = sheets::make_demo("shake", 183);
+  const test_support::AnimatedFrames frames(*sheet);
+  constexpr std::size_t kThird = session::Session::kInboxBytes / 3;
+  SECTION("a simulation's frames beyond it are refused and counted") {
+    session::SessionOptions options;
+    options.clock = session::Clock::kSimulation;
+    session::Session simulated("s", options, packs(), clock);
+    REQUIRE(simulated.offer(described(), 1, 100) == kTaken);
+    for (std::uint64_t k = 2; k < 4; ++k) REQUIRE(simulated.offer(frames.at(k / 60.0), k, kThird) == kTaken);
+    CHECK(simulated.offer(frames.at(4 / 60.0), 4, kThird + 100) == session::Offer::kFull);
+    CHECK(simulated.counters().frames_dropped.at("inbox") == 1);
+    while (simulated.analyse()) {
+    }
+    CHECK(simulated.offer(frames.at(5 / 60.0), 5, kThird) == kTaken);
+    CHECK(simulated.offer(engine::End{}, 6, 3 * kThird) == kTaken);
+    while (simulated.analyse()) {
+    }
+    const auto counters = simulated.counters();
+    CHECK(counters.frames_received == counters.frames_analysed + dropped(counters));
+  }
+  SECTION("a live session's oldest frames make room") {
+    session::Session live("live", {}, packs(), clock);
+    REQUIRE(live.offer(described(), 1, 100) == kTaken);
+    REQUIRE(live.offer(frames.at(0.1), 2, kThird) == kTaken);
+    REQUIRE(live.offer(frames.at(0.2), 3, 2 * kThird) == kTaken);
+    CHECK(live.counters().frames_dropped.at("backlog") == 1);
+    // Nothing can be skipped for what is no frame.
+    CHECK(live.offer(scene::SceneUpdate{}, 4, kThird + 100) == session::Offer::kFull);
+  }
+  SECTION("a message larger than all of it goes alone") {
+    session::Session live("live", {}, packs(), clock);
+    CHECK(live.offer(described(), 1, 4 * kThird) == kTaken);
+    CHECK(live.offer(scene::SceneUpdate{}, 2, 1) == session::Offer::kFull);
+  }
+}
+
+TEST_CASE("What is due, what sounds and what was lost is told") {
+  HandClock clock;
+  session::SessionOptions options;
+  options.clock = session::Clock::kSimulation;
+  const auto sheet = sheets::make_demo("snap", 183);
+  const test_support::AnimatedFrames frames(*sheet);
+  session::Session simulated("s", options, packs(), clock);
+  REQUIRE(simulated.offer(described(), 1) == kTaken);
+  // More reflecting planes than are heard at a time.
+  scene::SceneUpdate planes;
+  for (std::uint32_t id = 1; id <= spatial::kMaxPlanes + 1; ++id) {
+    scene::Obstacle wall;
+    wall.id = id;
+    wall.shape = scene::PlaneShape{};
+    wall.reflecting = true;
+    wall.pose.position_m = {0, 0, -static_cast<double>(id)};
+    planes.obstacles.push_back(wall);
+  }
+  REQUIRE(simulated.offer(planes, 2) == kTaken);
+  for (int k = 0; k < 90; ++k) REQUIRE(simulated.offer(frames.at(k / 60.0), static_cast<std::uint64_t>(k) + 3) == kTaken);
+  while (simulated.analyse()) {
+  }
+  simulated.render();
+  session::Counters counters = simulated.counters();
+  CHECK(counters.samples_due == Approx((89 / 60.0 - 0.05) * 48000).margin(2 * synthesis::kQuantum));
+  CHECK(counters.render.voices_most > 0);
+  CHECK(counters.plan.planes_left_out > 0);
+  CHECK(counters.plan.sounds_missing == 0);
+  CHECK(counters.render.cues_dropped == 0);
+  simulated.end();
+  while (simulated.analyse()) {
+  }
+  for (int pass = 0; pass < 100 && !simulated.finished(); ++pass) {
+    simulated.render();
+    drain(simulated);
+  }
+  REQUIRE(simulated.finished());
+  counters = simulated.counters();
+  CHECK(counters.render.voices == 0);
+  CHECK(counters.samples_due == static_cast<std::uint64_t>(simulated.samples_rendered()));
+
+  session::Session live("live", {}, packs(), clock);
+  clock.advance(0.25);
+  CHECK(live.counters().samples_due == 12000);
+}
+
+TEST_CASE("The newest value is read, never a torn or an older one") {
+  session::LatestValue<std::array<std::uint64_t, 8>> latest;
+  std::atomic<bool> stop{false};
+  std::thread writer([&] {
+    std::array<std::uint64_t, 8> value{};
+    while (!stop) {
+      for (auto& part : value) ++part;
+      latest.publish(value);
+    }
+  });
+  std::uint64_t newest = 0;
+  bool whole = true, in_order = true;
+  while (newest < 20000) {
+    const auto value = latest.latest();
+    whole &= std::all_of(value.begin(), value.end(), [&](std::uint64_t part) { return part == value[0]; });
+    in_order &= value[0] >= newest;
+    newest = value[0];
+  }
+  stop = true;
+  writer.join();
+  CHECK(whole);
+  CHECK(in_order);
+}
+
+TEST_CASE("A sender's drift shows through the jitter of its messages") {
+  for (const double ppm : {0.0, 200.0, -80.0}) {
+    session::ClockDrift drift;
+    std::uint64_t noise = 1;
+    double sent_s = 1e6;
+    for (int k = 0; k < 60 * 60; ++k) {
+      const double t = k / 60.0;
+      noise = noise * 6364136223846793005ULL + 1442695040888963407ULL;
+      const double jitter_s = 0.004 * static_cast<double>(noise >> 40) / (1 << 24);
+      sent_s = 1e6 + t * (1 + 1e-6 * ppm);
+      if (t < 10) CHECK(drift.ppm() == 0);
+      drift.add(sent_s, 7 + t + 0.001 + jitter_s);
+    }
+    CHECK(drift.ppm() == Approx(ppm).margin(15));
+    drift.add(sent_s - 500, 68);
+    CHECK(drift.ppm() == 0);
+  }
 }
 
 }  // namespace

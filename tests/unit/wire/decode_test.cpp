@@ -3,6 +3,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "server/wire/fields.h"
 #include "tests/unit/wire/messages.h"
 
 using namespace rustle;
@@ -514,4 +515,12 @@ TEST_CASE("envelopes", "[wire][decode]") {
     sent.mutable_announcement()->set_protocol_version(2);
     CHECK(parse("")->announcement().error().code == ErrorCode::kProtocolVersion);
   }
+}
+
+TEST_CASE("times go as far as a sample can still be told from the next", "[wire][decode]") {
+  const Limits limits;
+  constexpr double kSinceLong_s = 4e9;  // since 1970, a century from now
+  CHECK(check_time(kSinceLong_s, "frame.time_s", limits).has_value());
+  CHECK(std::nextafter(limits.time_s, 2 * limits.time_s) - limits.time_s < 0.5 / 192'000);
+  CHECK(std::nextafter(2 * limits.time_s, 4 * limits.time_s) - 2 * limits.time_s > 0.5 / 192'000);
 }

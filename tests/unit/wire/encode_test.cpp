@@ -1,8 +1,10 @@
 #include <cstring>
 #include <limits>
+#include <type_traits>
 
 #include <catch2/catch.hpp>
 
+#include "proto/statistics_figures.h"
 #include "server/wire/control.h"
 #include "server/wire/encode.h"
 #include "server/wire/session_options.h"
@@ -256,13 +258,25 @@ TEST_CASE("control replies", "[wire][control]") {
   Statistics statistics;
   statistics.frames_dropped["late"] = 3;
   CHECK(parse_reply(Detached{statistics}).detached().statistics().frames_dropped().at("late") == 3);
+  // Every other field of the message has a figure of its own, which arrives in it.
+  int figures = 0;
+  v1::for_each_figure<Statistics>([&](const char*, auto member, auto, auto) {
+    statistics.*member = static_cast<std::remove_cvref_t<decltype(statistics.*member)>>(100 + ++figures);
+  });
+  CHECK(figures == v1::Statistics::descriptor()->field_count() - 2);
+  const v1::Statistics arrived = parse_reply(statistics).statistics();
+  int next = 0;
+  v1::for_each_figure<Statistics>([&](const char* name, auto, auto get, auto) {
+    CHECK(static_cast<int>((arrived.*get)()) == 100 + ++next);
+    CHECK(v1::Statistics::descriptor()->FindFieldByName(name) != nullptr);
+  });
   CHECK(parse_reply(Welcome{.server = "x", .stream_endpoint = "a", .out_endpoint = "b", .rate_hz = 1, .block_size = 2})
             .welcome()
             .protocol_version() == 1);
   const auto attached = parse_reply(Attached{.session_id = "s", .options = {}, .credit = FlowCredit{0, 8, 100}});
   CHECK(attached.attached().credit().window_messages() == 8);
   // The plain codes are the wire's.
-  CHECK(static_cast<int>(ErrorCode::kStorage) == v1::ERROR_CODE_STORAGE);
+  CHECK(static_cast<int>(ErrorCode::kIdle) == v1::ERROR_CODE_IDLE);
   for (int code = 1; code < v1::ErrorCode_ARRAYSIZE; ++code) {
     std::string name(code_name(static_cast<ErrorCode>(code)));
     for (char& c : name) c = static_cast<char>(c == '_' ? c : c - 'a' + 'A');
