@@ -2,12 +2,10 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <optional>
-#include <span>
 #include <vector>
 
-#include "server/scene/proximity.h"
+#include "server/analysis/sheet_motion.h"
 #include "server/scene/triangles.h"
 #include "server/sheet/mesh_frame.h"
 
@@ -39,34 +37,45 @@ struct Touch {
   std::uint32_t triangle = sheet::kNone;  ///< of the partner, if it has any
 };
 
-/// A triangle of the sheet with its corners.
-struct SheetTriangle {
-  std::uint32_t index;
-  std::array<sheet::Vec3d, 3> corners_m;
+/// The frame's geometry, made once for all partners.
+struct ContactGeometry {
+  const sheet::MeshFrame* frame = nullptr;
+  sheet::Vec3f origin_m = sheet::Vec3f::Zero();  ///< the first vertex
+  std::vector<Eigen::Vector4f> relative_m;       ///< [V], positions from the origin, 0 last
+  scene::Box bounds_m;
+
+  void update(const sheet::MeshFrame& mesh_frame);
+
+  /// How far off float arithmetic on `relative_m` can be, generously.
+  float rounding_m() const;
 };
+
+/// Positions from an origin, with a 0 behind each.
+void make_relative(std::span<const sheet::Vec3f> positions_m, const sheet::Vec3f& origin_m,
+                   std::vector<Eigen::Vector4f>& out_m);
 
 /// Something that a sheet may touch, at one time. Used by one thread.
 class ContactSurface {
  public:
   virtual ~ContactSurface() = default;
 
-  /// Turns to a triangle: touch() is asked about places on it until the next call. False: surely no part of it is within
-  /// the radius.
-  virtual bool approach(const SheetTriangle& triangle, double radius_m) = 0;
+  /// The sheet's triangles that may lie within the radius in part, ascending. Of all others surely no part does.
+  virtual void select(const ContactGeometry& geometry, double radius_m, std::vector<std::uint32_t>& out_triangles) = 0;
 
-  /// The partner within `radius_m` of a place, which is at most that of approach() plus range_beyond_m().
-  virtual std::optional<Touch> touch(const sheet::Vec3d& point_m, const SheetSpot& spot, double radius_m) = 0;
+  /// Turns to a selected triangle: touch() is asked about places on it until the next call.
+  virtual void approach(std::uint32_t) {}
 
-  /// How far beyond the radius of approach() distances can be asked for.
+  /// On a second look at the triangle approached, none of whose corners is within the radius: surely no part of it is.
+  virtual bool surely_apart(std::uint32_t, double) { return false; }
+
+  /// The partner within `radius_m` of a place, which is at most that of select() plus range_beyond_m(); false: none.
+  virtual bool touch(const sheet::Vec3d& point_m, const SheetSpot& spot, double radius_m, Touch& out) = 0;
+
+  /// How far beyond the radius of select() distances can be asked for, known once that has been called.
   virtual double range_beyond_m() const { return 0; }
-};
 
-/// Velocity of every vertex, and of which it is known. [V] both, or empty: none is known.
-struct VertexVelocities {
-  std::vector<sheet::Vec3d> velocities_m_per_s;
-  std::vector<bool> unknown;  ///< [V] or empty: all are known
-
-  bool known(std::uint32_t vertex) const { return !velocities_m_per_s.empty() && (unknown.empty() || !unknown[vertex]); }
+  /// One infinite plane: distances are linear over every triangle.
+  virtual bool is_plane() const { return false; }
 };
 
 /// Contact of one sheet with one partner, by vertex.
@@ -75,121 +84,83 @@ struct ContactPatch {
   std::vector<double> areas_m2;                  ///< contact area of each
   std::vector<sheet::Vec3d> slips_m_per_s;       ///< tangential, relative to the partner
   std::vector<std::uint32_t> partner_triangles;  ///< one that each touches, or kNone
+  std::vector<std::uint32_t> triangles;          ///< ascending, with all that lie around the vertices
+
+  void clear();
 };
 
-/// The frame's geometry, made once for all partners.
-struct ContactGeometry {
-  const sheet::MeshFrame* frame = nullptr;
-  std::vector<sheet::Vec3f> cross_products_m2;  ///< [T], twice the area along the normal
-  double usual_edge_m = 0;                      ///< of an equilateral triangle of the mean area
-  scene::Box bounds_m;
-
-  void update(const sheet::MeshFrame& mesh_frame);
-};
-
-/// Integrates the contact weight over the sheet: a triangle with all corners within reach by its corners, one partly within
-/// reach by samples a fraction of the radius apart (at most 16 x 16), whose distance is interpolated where the partner is
-/// one plane as seen from the corners and asked for elsewhere. Unknown velocities give no slip. O(T) plus the samples.
-ContactPatch measure_contact(const ContactGeometry& geometry, ContactSurface& surface, const VertexVelocities& velocities,
-                             const ContactWeight& weight, double radius_m);
-
-/// An obstacle as a partner.
-class ObstacleContact : public ContactSurface {
+/// Integrates the contact weight over the sheet. Where the partner is one plane as seen from a triangle's corners the
+/// distance d is linear over it, and with the corners in order of d
+///   dA/ds = 2A (s - d0) / ((d1 - d0)(d2 - d0)) below d1,  2A (d2 - s) / ((d2 - d1)(d2 - d0)) above,
+/// is integrated by Gauss-Legendre points between the kinks of the weight, exactly for the area and its first moments; slip
+/// is that in the middle of each line of equal distance. Other triangles count by their corners when these are all within
+/// reach, else by samples a radius apart (at most 16 x 16). Unknown velocities give no slip.
+/// Keeps its working memory: once warm nothing is allocated. Cost: that of select(), O(V) and the selected triangles.
+class ContactMeter {
  public:
-  /// `beyond_m` as range_beyond_m(); a plane is seen from any distance.
-  ObstacleContact(const scene::ObstacleSurface& obstacle, double beyond_m) : obstacle_(obstacle), beyond_m_(beyond_m) {}
-  bool approach(const SheetTriangle& triangle, double radius_m) override;
-  std::optional<Touch> touch(const sheet::Vec3d& point_m, const SheetSpot& spot, double radius_m) override;
-  double range_beyond_m() const override;
+  /// The result stands until the next call. \pre radius_m > 0
+  const ContactPatch& measure(const ContactGeometry& geometry, ContactSurface& surface, const VertexVelocities& velocities,
+                              const ContactWeight& weight, double radius_m);
 
  private:
-  const scene::ObstacleSurface& obstacle_;
-  double beyond_m_;
-};
-
-/// How far apart places of one sheet are along its surface: by material coordinates, else along edges.
-class SurfaceDistance {
- public:
-  /// Places nearer than max(least_m, edges · local edge length) count as neighbours. Without material coordinates edge
-  /// lengths are those of the rest positions, else of `positions_m`.
-  SurfaceDistance(std::shared_ptr<const sheet::Topology> topology, std::span<const sheet::Vec3f> positions_m, double least_m,
-                  double edges);
-
-  const std::shared_ptr<const sheet::Topology>& topology() const { return topology_; }
-  double least_m() const { return least_m_; }
-  bool connected() const { return connected_; }  ///< in one piece
-
-  bool neighbours(const SheetSpot& a, const SheetSpot& b);
-
-  /// Turns to a triangle.
-  void approach(std::uint32_t triangle);
-
-  /// True: every place of `other` is a neighbour of every place of the triangle approached.
-  bool wholly_neighbours(std::uint32_t other) const;
-
- private:
-  sheet::Vec2d material_at(const SheetSpot& spot) const;
-  const std::vector<std::uint32_t>& vertices_around(std::uint32_t vertex);
-  const std::vector<std::uint32_t>& triangles_around(std::uint32_t triangle);
-
-  std::shared_ptr<const sheet::Topology> topology_;
-  double least_m_;
-  bool connected_ = true;
-  std::vector<double> exclusion_m_;     ///< [T]
-  std::vector<sheet::Vec2d> centre_m_;  ///< [T], material
-  std::vector<double> extent_m_;        ///< [T], from the centre to the farthest corner
-  struct Link {
-    std::uint32_t vertex;
-    double length_m;
+  struct Corner {
+    double weight = 0;
+    double distance_m = 0;
+    sheet::Vec3d slip_m_per_s = sheet::Vec3d::Zero();  ///< zero unless known
+    bool touched = false;
+    bool slip_known = false;
+    std::uint32_t vertex = 0;
+    std::uint32_t partner_triangle = sheet::kNone;  ///< that the corner touches, or kNone
+    double lumped_m2 = 0;                           ///< contact area of triangles that lie within reach entirely
+    // Of other triangles:
+    double area_m2 = 0;
+    double speed_area = 0;
+    sheet::Vec3d slip_area = sheet::Vec3d::Zero();
   };
-  std::vector<std::uint32_t> link_start_;
-  std::vector<Link> links_;
-  std::vector<double> vertex_exclusion_m_;                    ///< [V], the greatest around
-  std::vector<std::vector<std::uint32_t>> vertices_around_;   ///< [V], made when asked for
-  std::vector<std::vector<std::uint32_t>> triangles_around_;  ///< [T], made when asked for
-  std::vector<std::uint32_t> triangle_start_, triangles_of_vertex_;
-  std::uint32_t approached_ = sheet::kNone;
-  std::vector<std::uint32_t> marks_;  ///< [T]: wholly neighbours of the triangle marked
-};
-
-/// A sheet as a partner: another one, or the same one without what is near along its surface.
-class SheetContact : public ContactSurface {
- public:
-  /// `velocities` [V] or empty: at rest. `same_sheet` is null for another sheet.
-  SheetContact(const sheet::Topology& topology, std::vector<sheet::Vec3f> positions_m, const VertexVelocities& velocities,
-               double radius_m, SurfaceDistance* same_sheet);
-
-  bool approach(const SheetTriangle& triangle, double radius_m) override;
-  std::optional<Touch> touch(const sheet::Vec3d& point_m, const SheetSpot& spot, double radius_m) override;
-
-  /// The closest place of the whole sheet.
-  std::optional<Touch> closest(const sheet::Vec3d& point_m, double radius_m) const;
-
-  std::size_t candidates_visited() const { return visited_; }  ///< so far: the broad phase's work
-
- private:
-  const sheet::Topology& topology_;
-  std::vector<sheet::Vec3f> positions_m_;
-  const VertexVelocities& velocities_;
-  SurfaceDistance* same_sheet_;
-  scene::TriangleGrid grid_;
-  struct Candidate {
-    std::uint32_t triangle;
-    std::array<sheet::Vec3d, 3> corners_m;
-    sheet::Vec3d normal = sheet::Vec3d::Zero();  ///< unit length
-    sheet::Vec3d centre_m = sheet::Vec3d::Zero();
-    double extent_m = 0;  ///< of the corners from the centre
+  struct Normals {
+    sheet::Vec3d normal, side_normal;
   };
-  static void complete(Candidate& candidate);
-  Touch touch_at(const sheet::Vec3d& point_m, const Candidate& candidate, const scene::TrianglePoint& on) const;
-  Candidate candidate(std::uint32_t triangle) const;
+  struct Place {
+    std::uint32_t epoch = 0;
+    std::uint32_t corner = 0;
+  };
+  using Corners = std::array<Corner*, 3>;
+  /// Contact area at places of a triangle, by corner. A place goes to the corners within reach, by their nearness; without
+  /// any to the nearest corner.
+  struct Shares {
+    explicit Shares(const Corners& corners);
+    void add(const std::array<double, 3>& barycentric, double contact_m2, const sheet::Vec3d& slip);
 
-  std::vector<Candidate> candidates_;  ///< of the triangle approached
-  std::size_t visited_ = 0;
+    std::array<double, 3> reached;  ///< 1 or 0
+    std::array<double, 3> area_m2{};
+    std::array<double, 3> speed_area{};
+    std::array<sheet::Vec3d, 3> slip_area = {sheet::Vec3d::Zero(), sheet::Vec3d::Zero(), sheet::Vec3d::Zero()};
+    bool beyond_corners = false;
+  };
+  /// What one call works on.
+  struct Inputs {
+    const ContactGeometry& geometry;
+    ContactSurface& surface;
+    const VertexVelocities& velocities;
+    const ContactWeight& weight;
+    double radius_m;
+    double margin_m;  ///< distances from corners are known this far beyond the radius
+  };
+
+  std::uint32_t corner_at(const Inputs& in, std::uint32_t triangle, int k);
+  void measure_triangle(const Inputs& in, std::uint32_t triangle);
+  bool faces_a_plane(const Inputs& in, const std::array<std::uint32_t, 3>& corners) const;
+  void integrate(const Inputs& in, const Corners& corners, double area_m2);
+  void take_samples(const Inputs& in, std::uint32_t triangle, const Corners& corners, double area_m2, int along);
+  void take(const Corners& corners, const Shares& shares, std::uint32_t partner_triangle);
+  void collect(const Inputs& in);
+
+  ContactPatch patch_;
+  std::vector<Place> places_;  ///< [V]
+  std::vector<Corner> corners_;
+  std::vector<Normals> normals_;  ///< of the partner at each corner, empty for a plane
+  std::uint32_t epoch_ = 0;
+  bool beyond_corners_ = false;  ///< a vertex counts as touching for a place on a triangle without corners in reach
 };
-
-/// True: no two parts of the sheet lie on top of each other. Then all normals are within 84° of their mean, and the border
-/// seen along it does not cross itself. Conservative. O(T + B log B + crossings in x). \pre the sheet is in one piece
-bool surely_unfolded(const ContactGeometry& geometry);
 
 }  // namespace rustle::analysis

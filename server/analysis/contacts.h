@@ -7,8 +7,14 @@
 #include <span>
 #include <vector>
 
+#include "server/analysis/contact_components.h"
 #include "server/analysis/contact_patch.h"
+#include "server/analysis/obstacle_contact.h"
+#include "server/analysis/sent_contacts.h"
+#include "server/analysis/sheet_contact.h"
+#include "server/analysis/surface_distance.h"
 #include "server/analysis/surroundings.h"
+#include "server/analysis/unfolded.h"
 #include "server/observation/observation.h"
 #include "server/scene/proximity.h"
 #include "server/sheet/mesh_frame.h"
@@ -27,10 +33,11 @@ struct ContactParameters {
 /// Friction events of one sheet (P1): vertices within the contact radius of an obstacle, of another sheet or of another part
 /// of the sheet itself, grouped into components connected along mesh edges, one partner each. Resting ones too, at speed 0.
 ///
-/// Where only part of a triangle is within reach it is sampled, so that area and speed do not depend on the resolution:
-///   A_i = Σ_samples a w(d) φ_i,   speed = Σ A_i |v_i| / Σ A_i
-/// with a the sample's area, d its distance, w the weight (ContactWeight), φ its share of the touching vertices of its
-/// triangle, and v_i the tangential velocity relative to the partner: mean direction and mean speed over the samples of i.
+/// Where only part of a triangle is within reach its contact area is integrated over it (ContactMeter), so that area and
+/// speed do not depend on the resolution:
+///   A_i = ∫ w(d) φ_i dA,   speed = Σ A_i |v_i| / Σ A_i
+/// with d the distance of a place, w the weight (ContactWeight), φ its share of the touching vertices of its triangle, and
+/// v_i the tangential velocity relative to the partner: mean direction and mean speed over the places of i.
 /// Velocities are those sent, else positions differenced in double against the previous frame; after a change of topology
 /// against the place of the same material point in the previous mesh, or without material coordinates taken as that of the
 /// partner for one frame (speed 0). An obstacle's velocity is meant over the same interval, so one that carries the sheet is
@@ -41,7 +48,8 @@ struct ContactParameters {
 /// An id stays while a component shares vertices with the same partner's component of the frame before or, on another
 /// topology, lies within reach of it; where components merge or split the largest overlap keeps it.
 ///
-/// One tracker per sheet; analysis worker. Cost: linear in vertices.
+/// One tracker per sheet; analysis worker. Cost: linear in vertices. Once warm, on one topology and without sent contacts, a
+/// frame allocates what it returns and nothing else.
 class ContactTracker {
  public:
   explicit ContactTracker(ContactParameters parameters = {}) : parameters_(parameters) {}
@@ -59,12 +67,19 @@ class ContactTracker {
  private:
   /// A component as it was in the frame before.
   struct Episode {
-    std::uint64_t id;  ///< 0: seen once, not reported yet
+    std::uint64_t id = 0;  ///< 0: seen once, not reported yet
     sheet::ContactPartner partner;
     std::vector<std::uint32_t> vertices;
-    std::vector<sheet::Vec3d> positions_m;
-    sheet::Vec3d slip_m_per_s;  ///< mean, relative to the partner
-    double dual_area_m2;
+    sheet::Vec3d slip_m_per_s = sheet::Vec3d::Zero();  ///< mean, relative to the partner
+  };
+  struct Overlap {
+    double area_m2;
+    std::size_t contact, episode;
+  };
+  struct Neighbour {
+    NeighbourNow now;
+    PosedSheet posed;
+    SheetContact contact;
   };
 
   struct State {
@@ -73,14 +88,54 @@ class ContactTracker {
     std::vector<sheet::Vec3f> positions_m;            ///< of the frame before
     double time_s = 0;
     std::map<sheet::ObstacleId, scene::ObstacleSurface> surfaces;
+    UnfoldedProof unfolded;
     std::optional<SurfaceDistance> along_surface;
+    PosedSheet posed;  ///< the sheet itself, when it may meet a sheet
+    SheetContact self;
+    std::map<sheet::SheetId, Neighbour> neighbours;
   };
 
-  void keep_identities(std::vector<observation::FrictionContact>& contacts, const sheet::MeshFrame& frame, double reach_m,
-                       std::uint64_t& next_event_id);
+  /// Working memory, nothing of which is meant from one frame to the next.
+  struct Scratch {
+    ContactGeometry geometry;
+    ContactMeter meter;
+    ObstacleContact obstacle;
+    ContactComponents components;
+    std::vector<std::optional<sheet::Vec3d>> located_m_per_s;
+    std::vector<observation::FrictionContact> found;
+    std::vector<const NeighbourSheet*> others;
+    std::vector<std::uint64_t> ids;   ///< of each contact found, kNoId: none yet
+    std::vector<std::uint8_t> taken;  ///< each episode
+    std::vector<Overlap> overlaps;
+    std::vector<Episode> episodes;
+    std::vector<sheet::Vec3d> expected_m;
+  };
+
+  /// What one update works on.
+  struct Work {
+    const sheet::MeshFrame& frame;
+    const SheetSurroundings& surroundings;
+    double radius_m;
+    double over_s;  ///< the interval that velocities are differenced over, 0: instantaneous
+    const sheet::MeshFrame* previous;
+    bool located;  ///< velocities across a change of topology have been made
+  };
+
+  VertexVelocities velocities(Work& work);
+  void update_obstacles(const Work& work);
+  void touch_obstacles(Work& work);
+  void touch_itself(Work& work);
+  void touch_others(Work& work);
+  void keep_identities(const sheet::MeshFrame& frame, double reach_m);
+  void match_vertices();
+  void match_places(const sheet::MeshFrame& frame, double reach_m);
+  void assign_overlaps();
+  bool lone(const observation::FrictionContact& contact, const sheet::MeshFrame& frame) const;
+  std::vector<observation::FrictionContact> report(const sheet::MeshFrame& frame, std::uint64_t& next_event_id);
 
   ContactParameters parameters_;
   State state_;
+  Scratch scratch_;
 };
 
 }  // namespace rustle::analysis

@@ -26,32 +26,51 @@ void begin(const CrumplingInputs& in, const Parameters& parameters, CrumplingSta
   const std::size_t n = in.positions_m.size();
   state.primed = true;
   state.time_s = in.time_s;
-  state.curvature_per_m = state.now_per_m;
+  state.curvature_per_m = state.now.mean_per_m;
   state.sign.resize(n);
-  for (std::size_t i = 0; i < n; ++i) state.sign[i] = side_of(state.now_per_m[i], parameters.event_band_per_m);
+  for (std::size_t i = 0; i < n; ++i) state.sign[i] = side_of(state.now.mean_per_m[i], parameters.event_band_per_m);
   state.crossed_s.assign(n, in.time_s);
   state.flipped_s.assign(n, kNever);
   state.flipped_to.assign(n, 0);
   state.flipped_in.assign(n, 0);
   state.past.clear();
-  state.past.push_back({in.time_s, state.now_per_m});
+  state.past.push_back({in.time_s, state.now.mean_per_m});
 }
 
-/// H at an earlier time, interpolated between the frames kept.
-struct PastCurvature {
-  const std::vector<float>*before, *after;
-  float share;
+/// H at times of the amplitude window, interpolated between the frames kept and the present one.
+class CurvatureHistory {
+ public:
+  CurvatureHistory(const CrumplingState& state, double now_s) : state_(state), now_s_(now_s) {}
 
-  PastCurvature(const std::deque<CrumplingState::Past>& past, double time_s) {
-    std::size_t k = 0;
-    while (k + 1 < past.size() && past[k + 1].time_s <= time_s) ++k;
-    const auto &a = past[k], &b = past[std::min(k + 1, past.size() - 1)];
-    before = &a.curvature_per_m;
-    after = &b.curvature_per_m;
-    share =
-        b.time_s <= a.time_s ? 0.0f : static_cast<float>(std::clamp((time_s - a.time_s) / (b.time_s - a.time_s), 0.0, 1.0));
+  double at(std::size_t vertex, double time_s) const {
+    const auto& past = state_.past;
+    double after_s = now_s_;
+    float after = state_.now.mean_per_m[vertex];
+    for (auto frame = past.rbegin(); frame != past.rend(); ++frame) {
+      const float before = frame->curvature_per_m[vertex];
+      if (frame->time_s <= time_s || std::next(frame) == past.rend()) {
+        const double share =
+            after_s > frame->time_s ? std::clamp((time_s - frame->time_s) / (after_s - frame->time_s), 0.0, 1.0) : 0.0;
+        return before + share * (after - before);
+      }
+      after_s = frame->time_s, after = before;
+    }
+    return after;
   }
-  double operator[](std::size_t i) const { return (*before)[i] + share * ((*after)[i] - (*before)[i]); }
+
+  /// Change toward the side `way` over a window about the zero of H at `crossed_s`, but not later than about half a window
+  /// ago. What of the window's second half is still to come mirrors the first: so the change does not depend on when the
+  /// flip is seen.
+  double change(std::size_t vertex, int way, double crossed_s, double window_s) const {
+    const double half_s = window_s / 2, middle_s = std::max(crossed_s, now_s_ - half_s);
+    const double change =
+        state_.now.mean_per_m[vertex] + at(vertex, 2 * middle_s - now_s_) - 2 * at(vertex, middle_s - half_s);
+    return std::max(way * change, 0.0);
+  }
+
+ private:
+  const CrumplingState& state_;
+  double now_s_;
 };
 
 /// Vertices whose kernel reaches a remade vertex.
@@ -83,7 +102,7 @@ class FlipFinder {
       : in_(in), parameters_(parameters), state_(state), member_(in.positions_m.size(), false) {}
 
   bool may_flip(std::uint32_t i) const {
-    const std::int8_t now = side_of(state_.now_per_m[i], parameters_.event_growth_per_m);
+    const std::int8_t now = side_of(state_.now.mean_per_m[i], parameters_.event_growth_per_m);
     return now != 0 && state_.sign[i] != 0 && now != state_.sign[i];
   }
   bool is_member(std::uint32_t i) const { return member_[i]; }
@@ -94,10 +113,10 @@ class FlipFinder {
     if (member_[seed]) return flip;
     flip.push_back(seed);
     member_[seed] = true;
-    const bool up = state_.now_per_m[seed] > 0;
+    const bool up = state_.now.mean_per_m[seed] > 0;
     for (std::size_t k = 0; k < flip.size(); ++k) {
       for_neighbours(flip[k], [&](std::uint32_t j) {
-        if (member_[j] || (state_.now_per_m[j] > 0) != up || !may_flip(j)) return;
+        if (member_[j] || (state_.now.mean_per_m[j] > 0) != up || !may_flip(j)) return;
         member_[j] = true;
         flip.push_back(j);
       });
@@ -113,7 +132,7 @@ class FlipFinder {
   };
   Younger touched_flip(const std::vector<std::uint32_t>& flip) const {
     Younger youngest;
-    const std::int8_t way = state_.now_per_m[flip[0]] > 0 ? 1 : -1;
+    const std::int8_t way = state_.now.mean_per_m[flip[0]] > 0 ? 1 : -1;
     const auto consider = [&](std::uint32_t j) {
       if (state_.flipped_to[j] != way || state_.flipped_in[j] == 0) return;
       const Younger other{state_.flipped_s[j], state_.flipped_in[j]};
@@ -138,15 +157,17 @@ class FlipFinder {
 };
 
 CrumplingEvent describe(const std::vector<std::uint32_t>& flip, const std::vector<float>& areas_m2,
-                        const PastCurvature& past, const CrumplingInputs& in, const CrumplingState& state) {
+                        const CurvatureHistory& history, double window_s, const CrumplingInputs& in,
+                        const CrumplingState& state) {
   CrumplingEvent event;
   event.confirmed_s = in.time_s;
-  event.direction = state.now_per_m[flip[0]] > 0 ? 1 : -1;
+  event.direction = state.now.mean_per_m[flip[0]] > 0 ? 1 : -1;
   event.vertices = flip;
   double weights = 0;
   for (std::uint32_t i : flip) {
-    const double area = areas_m2[i], h = state.now_per_m[i];
-    const double change = std::fabs(h - past[i]), weight = area * std::max(change, kLeastChange_per_m);
+    const double area = areas_m2[i], h = state.now.mean_per_m[i];
+    const double change = history.change(i, event.direction, state.crossed_s[i], window_s);
+    const double weight = area * std::max(change, kLeastChange_per_m);
     event.area_m2 += area;
     event.amplitude_m += area * change;
     event.published_amplitude_per_m += std::fabs(h - static_cast<double>(state.curvature_per_m[i]));
@@ -173,9 +194,9 @@ void remember(const CrumplingInputs& in, const Parameters& parameters, Crumpling
     spare = std::move(state.past.front().curvature_per_m);
     state.past.pop_front();
   }
-  spare.assign(state.now_per_m.begin(), state.now_per_m.end());
+  spare.assign(state.now.mean_per_m.begin(), state.now.mean_per_m.end());
   state.past.push_back({in.time_s, std::move(spare)});
-  state.curvature_per_m.swap(state.now_per_m);
+  state.curvature_per_m.swap(state.now.mean_per_m);
   state.time_s = in.time_s;
 }
 
@@ -185,14 +206,13 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
                                            std::uint64_t& next_event_id) {
   const std::size_t n = in.positions_m.size();
   std::vector<CrumplingEvent> events;
-  state.now_per_m.resize(n);
-  mean_curvature_per_m(in.stencils, in.angles_rad, state.now_per_m);
+  measure_curvature(in.stencils, in.angles_rad, state.now);
   if (!state.primed) {
     begin(in, parameters, state);
     return events;
   }
   assert(state.sign.size() == n);
-  const std::vector<float>& now = state.now_per_m;
+  const std::vector<float>& now = state.now.mean_per_m;
   const std::vector<float>& before = state.curvature_per_m;
   const double interval = std::max(in.time_s - state.time_s, kLeastInterval_s);
   state.seeds.clear();
@@ -215,7 +235,7 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
   std::vector<std::uint32_t> silent;  // seeds that the new mesh alone may have made
   std::erase_if(state.seeds, [&](std::uint32_t i) {
     const double band =
-        parameters.event_band_per_m + parameters.event_band_relative * bending_per_m(in.stencils, in.angles_rad, i);
+        parameters.event_band_per_m + parameters.event_band_relative * static_cast<double>(state.now.bending_per_m[i]);
     if (std::fabs(now[i]) <= band) return true;
     const bool held =
         !touched.empty() && ((touched[i] && std::fabs(before[i]) <= band) || (in.remade_are_silent && (*in.remade)[i]));
@@ -225,7 +245,7 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
 
   if (!state.seeds.empty()) {
     FlipFinder finder(in, parameters, state);
-    const PastCurvature past(state.past, in.time_s - parameters.event_window_s);
+    const CurvatureHistory history(state, in.time_s);
     sheet::FaceGeometry faces;
     std::vector<float> areas_m2;
     sheet::face_geometry(*in.stencils.topology, in.positions_m, faces);
@@ -240,7 +260,7 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
       if (vertices.empty()) continue;
       const auto younger = finder.touched_flip(vertices);
       const std::uint64_t continues = younger.time_s > in.time_s - parameters.event_merge_s ? younger.event : 0;
-      CrumplingEvent event = describe(vertices, areas_m2, past, in, state);
+      CrumplingEvent event = describe(vertices, areas_m2, history, parameters.event_window_s, in, state);
       if (!(event.area_m2 >= parameters.event_min_area_m2) || !std::isfinite(event.amplitude_m)) {
         flips.push_back({std::move(vertices), continues});
         continue;
@@ -274,7 +294,7 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
   return events;
 }
 
-void carry(const sheet::Transfer& transfer, CrumplingState& state) {
+void carry(const sheet::Transfer& transfer, const Parameters& parameters, CrumplingState& state) {
   if (!state.primed) return;
   const auto blended = [&](std::vector<float>& values) {
     std::vector<float> out(transfer.origins.size());
@@ -293,6 +313,10 @@ void carry(const sheet::Transfer& transfer, CrumplingState& state) {
   blended(state.curvature_per_m);
   for (auto& past : state.past) blended(past.curvature_per_m);
   taken(state.sign);
+  for (std::size_t i = 0; i < state.sign.size(); ++i) {
+    const std::int8_t side = side_of(state.curvature_per_m[i], parameters.event_band_per_m);
+    if (transfer.remade[i] && side != 0) state.sign[i] = side;
+  }
   taken(state.crossed_s);
   taken(state.flipped_s);
   taken(state.flipped_to);

@@ -32,7 +32,7 @@ struct CrumplingState {
   std::deque<Past> past;  ///< H over the amplitude window
 
   // Scratch, kept so that a warm frame allocates nothing.
-  std::vector<float> now_per_m;
+  Curvature now;
   std::vector<std::uint32_t> seeds;
 };
 
@@ -54,7 +54,7 @@ struct CrumplingInputs {
                                                                       std::uint64_t& next_event_id);
 
 /// Moves the state onto the vertices of a new topology: what is continuous is interpolated, what is discrete is taken from
-/// the vertex that weighs most.
-void carry(const sheet::Transfer& transfer, CrumplingState& state);
+/// the vertex that weighs most; but the sign of a remade vertex never contradicts the H that it is given.
+void carry(const sheet::Transfer& transfer, const Parameters& parameters, CrumplingState& state);
 
 }  // namespace rustle::analysis

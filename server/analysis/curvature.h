@@ -10,31 +10,32 @@
 
 namespace rustle::analysis {
 
-/// Everything about the mean curvature of a sheet that depends on its topology and rest shape alone.
-/// Fitting M by least squares to the hinges around vertex i (P2) is linear in their angles, so H = ½ tr M is one sparse row:
-///   H_i = Σ_k w_ik θ_k,    w_i = W K (Kᵀ W K)⁻¹ (½, 0, ½)ᵀ
-/// and so is the local bending, the mean |θ||e| over the hinge areas: K_i = Σ_k b_ik |θ_k|.
+/// Everything about the mean curvature of a sheet that depends on its topology and rest shape alone. H = ½ tr M, with M
+/// fitted to the hinges around a vertex (P2), is linear in their angles, and so is the local bending K, the mean |θ||e| over
+/// the hinge areas, in their sizes.
 struct CurvatureStencils {
   std::shared_ptr<const sheet::Topology> topology;
   sheet::RestPlane plane;
-  std::vector<sheet::Hinge> hinges;         ///< [E]
-  std::vector<double> edge_length_m;        ///< [V] local, in the rest plane
-  std::vector<double> radius_m;             ///< [V] of the kernel
-  std::vector<std::uint32_t> start, hinge;  ///< rows of the two operators
-  std::vector<float> mean_curvature_weight;
-  std::vector<float> bending_weight;
+  std::vector<sheet::Hinge> hinges;   ///< [E]
+  std::vector<double> edge_length_m;  ///< [V] local, in the rest plane
+  std::vector<double> radius_m;       ///< [V] within which hinges count
+  MomentNodes nodes;
+  Stencil rows;                  ///< nodes to vertices
+  std::vector<Moment> response;  ///< [V] to a row's sum: (½, 0, ½)(Kᵀ W K)⁻¹ for H, and 1/(2 area) for K
   std::vector<std::uint32_t> neighbour_start, neighbour;  ///< vertices joined by an edge
 };
 
 [[nodiscard]] CurvatureStencils curvature_stencils(std::shared_ptr<const sheet::Topology> topology, sheet::RestPlane plane,
                                                    const Parameters& parameters);
 
-/// H of every vertex in 1/m, positive where the sheet bends toward its normals (a dome seen from their side).
-/// Allocates nothing. \pre angles_rad: of stencils.hinges; out_per_m.size() == vertex count
-void mean_curvature_per_m(const CurvatureStencils& stencils, std::span<const float> angles_rad, std::span<float> out_per_m);
+/// One frame's H, in 1/m, positive where the sheet bends toward its normals (a dome seen from their side), and K.
+struct Curvature {
+  std::vector<float> mean_per_m;     ///< [V] H
+  std::vector<float> bending_per_m;  ///< [V] K
+  std::vector<Moment> moments;       ///< scratch
+};
 
-/// Local bending K of one vertex in 1/m.
-[[nodiscard]] float bending_per_m(const CurvatureStencils& stencils, std::span<const float> angles_rad,
-                                  std::uint32_t vertex);
+/// Allocates nothing once `out` has its size. O(hinges + rows). \pre angles_rad: of stencils.hinges
+void measure_curvature(const CurvatureStencils& stencils, std::span<const float> angles_rad, Curvature& out);
 
 }  // namespace rustle::analysis

@@ -8,11 +8,10 @@ namespace rustle::analysis {
 struct Parameters {
   // Mean curvature for sign events (P2): kernel radius, and at least so many local edge lengths.
   double event_radius_m = 0.010;
-  double event_radius_edges = 1.5;
-  std::size_t event_stencil_hinges = 128;  ///< a finer mesh is sampled evenly down to this many hinges per vertex
-  double event_band_per_m = 0.3;           ///< absolute dead band on H
-  double event_band_relative = 0.5;        ///< plus this share of the local bending
-  double event_growth_per_m = 0.05;        ///< a seeded flip takes along connected vertices of the new sign beyond this
+  double event_radius_edges = 1.7;   ///< with the reach of a node's own hinges as much as 1.5 from hinge to vertex
+  double event_band_per_m = 0.3;     ///< absolute dead band on H
+  double event_band_relative = 0.5;  ///< plus this share of the local bending
+  double event_growth_per_m = 0.05;  ///< a seeded flip takes along connected vertices of the new sign beyond this
   double event_min_area_m2 = 1e-4;
   double event_merge_s = 0.05;         ///< a flip that touches an event younger than this continues it
   double event_window_s = 1.0 / 30.0;  ///< amplitude: change of H over this time
@@ -20,8 +19,8 @@ struct Parameters {
 
   // Bending tensor for regions and rulings (P3).
   double curvature_radius_m = 0.015;
-  double curvature_radius_edges = 2.5;
-  double ridge_width_m = 0.004;  ///< bending is summed over this width to find ridges
+  double curvature_radius_edges = 2.1;  ///< likewise 2.5 from hinge to triangle
+  double ridge_width_m = 0.004;         ///< bending is summed over this width to find ridges
   double ridge_width_edges = 1.0;
   double ridge_angle_rad = 0.5;     ///< a_max
   double ridge_low_rad = 0.3;       ///< a ridge goes on, two layers at most, through faces above this
@@ -32,10 +31,14 @@ struct Parameters {
   double flat_memory_s = 0.1;       ///< hysteresis forgets older partitions
   double ruling_agree_rad = 0.44;   ///< neighbours join while rulings differ less than this over ruling_agree_m
   double ruling_agree_m = 0.015;
-  double min_region_width_m = 0.006;   ///< regions thinner (2 area / perimeter) join a neighbour
-  std::size_t proxy_triangles = 1333;  ///< meshes half as fine again are partitioned on a proxy of this size
-  std::size_t ruling_samples = 48;     ///< rulings traced per region
-  double free_border_min_m = 0.002;    ///< a resonator with less free curved border is constrained
+  double min_region_width_m = 0.006;        ///< regions thinner (2 area / perimeter) join a neighbour
+  std::size_t proxy_triangles = 1333;       ///< meshes half as fine again are partitioned on a proxy of this size
+  std::size_t ruling_samples = 48;          ///< rulings traced on a whole sheet, of a region its share,
+  std::size_t least_ruling_samples = 16;    ///< but no fewer
+  double partition_change_per_m = 0.2;      ///< a partition serves until bending anywhere has changed by so much
+  double partition_change_relative = 0.05;  ///< plus this share of itself,
+  double partition_age_s = 0.05;            ///< or for so long
+  double free_border_min_m = 0.002;         ///< a resonator with less free curved border is constrained
 
   // Friction.
   double contact_radius_m = 0.003;

@@ -2,43 +2,45 @@
 
 namespace rustle::analysis {
 
-std::vector<sheet::Vec3f> RegionMesh::positions_m(std::span<const sheet::Vec3f> fine_m) const {
-  if (!proxy) return {fine_m.begin(), fine_m.end()};
-  std::vector<sheet::Vec3f> out;
-  out.reserve(proxy->vertices.size());
-  for (std::uint32_t i : proxy->vertices) out.push_back(fine_m[i]);
-  return out;
+void RegionMesh::gather_positions_m(std::span<const sheet::Vec3f> fine_m, std::vector<sheet::Vec3f>& out) const {
+  if (!proxy) {
+    out.assign(fine_m.begin(), fine_m.end());
+    return;
+  }
+  out.resize(proxy->vertices.size());
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = fine_m[proxy->vertices[i]];
 }
 
-std::vector<bool> RegionMesh::sampled(const std::vector<bool>& fine) const {
-  if (!proxy) return fine;
-  std::vector<bool> out;
-  for (std::uint32_t i : proxy->vertices) out.push_back(fine[i]);
-  return out;
-}
-
-std::vector<bool> RegionMesh::gathered(const std::vector<bool>& fine) const {
-  if (!proxy) return fine;
-  std::vector<bool> out(proxy->vertices.size(), false);
+void RegionMesh::gather_marks(const std::vector<bool>& fine, std::vector<std::uint8_t>& out) const {
+  out.assign(stencils.topology->vertex_count(), 0);
   for (std::size_t i = 0; i < fine.size(); ++i) {
-    if (fine[i]) out[proxy->nearest[i]] = true;
+    if (fine[i]) out[proxy ? proxy->nearest[i] : i] = 1;
   }
-  return out;
 }
 
-std::vector<std::uint32_t> RegionMesh::triangles_of(std::span<const std::uint32_t> fine_vertices) const {
-  const auto triangles = stencils.topology->triangles();
-  std::vector<bool> marked(stencils.topology->vertex_count(), false);
-  for (std::uint32_t i : fine_vertices) marked[proxy ? proxy->nearest[i] : i] = true;
-  for (int least = 2; least > 0; --least) {
-    std::vector<std::uint32_t> out;
-    for (std::uint32_t f = 0; f < triangles.size(); ++f) {
-      const sheet::Triangle& v = triangles[f];
-      if (marked[v[0]] + marked[v[1]] + marked[v[2]] >= least) out.push_back(f);
-    }
-    if (!out.empty()) return out;
+void RegionMesh::mark(std::span<const std::uint32_t> fine_vertices, std::vector<std::uint8_t>& marks) const {
+  for (const std::uint32_t i : fine_vertices) {
+    const std::uint32_t at = proxy ? proxy->nearest[i] : i;
+    if (!proxy || proxy->vertices[at] == i) marks[at] = 1;
   }
-  return {};
+}
+
+void RegionMesh::gather_triangles(std::span<const std::uint32_t> fine_vertices, std::vector<std::uint8_t>& marks,
+                                  std::vector<std::uint32_t>& out) const {
+  out.clear();
+  for (const std::uint32_t i : fine_vertices) marks[proxy ? proxy->nearest[i] : i] = 1;
+  const auto triangles = stencils.topology->triangles();
+  for (int least = 2; least > 0 && out.empty(); --least) {
+    for (const std::uint32_t i : fine_vertices) {
+      const std::uint32_t v = proxy ? proxy->nearest[i] : i;
+      for (std::uint32_t k = stencils.triangle_start[v]; k < stencils.triangle_start[v + 1]; ++k) {
+        const std::uint32_t f = stencils.triangles_around[k];
+        const sheet::Triangle& t = triangles[f];
+        if (marks[t[0]] + marks[t[1]] + marks[t[2]] >= least) out.push_back(f);
+      }
+    }
+  }
+  for (const std::uint32_t i : fine_vertices) marks[proxy ? proxy->nearest[i] : i] = 0;
 }
 
 RegionMesh region_mesh(const std::shared_ptr<const sheet::Topology>& topology, const sheet::RestPlane& plane,

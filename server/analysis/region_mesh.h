@@ -11,18 +11,21 @@
 
 namespace rustle::analysis {
 
-/// The mesh that a sheet's regions are found on: the sheet itself, or a coarse proxy of a fine one (P3).
+/// The mesh that a sheet's regions are found on: the sheet itself, or a coarse proxy of a fine one (P3). What is gathered
+/// goes into `out`, whose memory is used again.
 struct RegionMesh {
   RegionStencils stencils;
   std::optional<sheet::Proxy> proxy;  ///< none: the sheet itself
 
-  [[nodiscard]] std::vector<sheet::Vec3f> positions_m(std::span<const sheet::Vec3f> fine_m) const;
-  /// Marks of the proxy's own vertices.
-  [[nodiscard]] std::vector<bool> sampled(const std::vector<bool>& fine) const;
-  /// A proxy vertex is marked when any fine vertex closest to it is.
-  [[nodiscard]] std::vector<bool> gathered(const std::vector<bool>& fine) const;
-  /// Triangles with two marked vertices at least, or else with one.
-  [[nodiscard]] std::vector<std::uint32_t> triangles_of(std::span<const std::uint32_t> fine_vertices) const;
+  void gather_positions_m(std::span<const sheet::Vec3f> fine_m, std::vector<sheet::Vec3f>& out) const;
+  /// A proxy vertex is marked when any fine vertex closest to it is. \pre fine: one mark per vertex, or none
+  void gather_marks(const std::vector<bool>& fine, std::vector<std::uint8_t>& out) const;
+  /// Marks the vertices that are these, or on a proxy those of these that it has.
+  void mark(std::span<const std::uint32_t> fine_vertices, std::vector<std::uint8_t>& marks) const;
+  /// Triangles with two of the vertices at least, or else with one; some come twice. `marks`: [V] zero, and zero again
+  /// after.
+  void gather_triangles(std::span<const std::uint32_t> fine_vertices, std::vector<std::uint8_t>& marks,
+                        std::vector<std::uint32_t>& out) const;
 };
 
 /// `may_be_coarse`: false when something refers to the sheet's own triangles.

@@ -7,9 +7,13 @@
 namespace rustle::analysis {
 namespace {
 
+using sheet::Triangle;
+using sheet::Vec2d;
+
 // The marginal of (1-(d/r)²)² at its centre is 3.2/(π r): with r = 3.2/π · width a sharp fold of angle a peaks at a / width.
 constexpr double kRidgeRadiusPerWidth = 3.2 / std::numbers::pi;
-constexpr double kNearRadius = 0.75;  // of the tensor's
+constexpr double kCellsPerRadius = 5;  // nodes of the tensor fit
+constexpr double kNearRadius = 0.62;   // of the tensor's
 constexpr double kGradedRatio = 2.5;
 
 bool is_graded(std::vector<double> lengths) {
@@ -18,20 +22,101 @@ bool is_graded(std::vector<double> lengths) {
   return lengths[lengths.size() * 19 / 20] > kGradedRatio * lengths[lengths.size() / 20];
 }
 
-void index_users(RegionStencils& out) {
-  const std::size_t hinges = out.basis.hinges.size();
-  out.tensor_user_start.assign(hinges + 1, 0);
-  for (std::uint32_t h : out.tensor.source) ++out.tensor_user_start[h + 1];
-  for (std::size_t h = 0; h < hinges; ++h) out.tensor_user_start[h + 1] += out.tensor_user_start[h];
-  out.tensor_user.resize(out.tensor.source.size());
-  out.tensor_user_weight.resize(out.tensor.source.size());
-  std::vector<std::uint32_t> next(out.tensor_user_start.begin(), out.tensor_user_start.end() - 1);
-  for (std::uint32_t f = 0; f < out.tensor.rows(); ++f) {
-    for (std::uint32_t k = out.tensor.start[f]; k < out.tensor.start[f + 1]; ++k) {
-      const std::uint32_t at = next[out.tensor.source[k]]++;
-      out.tensor_user[at] = f;
-      out.tensor_user_weight[at] = out.tensor.weight[k];
+sheet::Vec2f twice(const Vec2d& direction) {
+  const double squared = direction.squaredNorm();
+  if (!(squared > 0)) return {1, 0};
+  return sheet::Vec2d((direction.x() * direction.x() - direction.y() * direction.y()) / squared,
+                      2 * direction.x() * direction.y() / squared)
+      .cast<float>();
+}
+
+void fit_tensor(RegionStencils& out, const Parameters& parameters) {
+  const auto& x = out.plane.coordinates_m;
+  std::vector<double> tensor_radius, near_radius;
+  for (const double edge : sheet::local_edge_lengths_m<Vec2d>(*out.topology, x)) {
+    tensor_radius.push_back(std::max(parameters.curvature_radius_m, parameters.curvature_radius_edges * edge));
+    near_radius.push_back(kNearRadius * tensor_radius.back());
+  }
+  out.nodes = moment_nodes(out.plane, out.basis, parameters.curvature_radius_m / kCellsPerRadius);
+  const PlanePoints vertices{x, out.plane.component};
+  out.tensor = kernel(vertices, tensor_radius, out.nodes.points);
+  out.near = kernel(vertices, near_radius, vertices);
+  out.inverse.reserve(out.tensor.rows());
+  for (std::size_t i = 0; i < out.tensor.rows(); ++i) {
+    out.inverse.push_back(
+        inverted_normal_matrix(normal_matrix_of(out.tensor.row(i), out.nodes.normal_matrix)).cast<float>());
+  }
+}
+
+void prepare_ridges(RegionStencils& out, const Parameters& parameters) {
+  PlanePoints centres{out.centres_m, {}};
+  const auto edge_m = sheet::local_edge_lengths_m<Vec2d>(*out.topology, out.plane.coordinates_m);
+  std::vector<double> radius;
+  double widest = 0;
+  for (std::size_t f = 0; f < out.centres_m.size(); ++f) {
+    const Triangle& v = out.topology->triangles()[f];
+    const double edge = (edge_m[v[0]] + edge_m[v[1]] + edge_m[v[2]]) / 3;
+    const double width = std::max(parameters.ridge_width_m, parameters.ridge_width_edges * edge);
+    centres.component.push_back(out.plane.component[v[0]]);
+    radius.push_back(kRidgeRadiusPerWidth * width);
+    out.ridge_width_m.push_back(static_cast<float>(width));
+    widest = std::max(widest, width);
+  }
+  out.ridge = kernel(centres, radius, out.basis.midpoints);
+  for (std::size_t f = 0; f < out.ridge.rows(); ++f) {
+    double area = 0;
+    for (const auto& [hinge, weight] : out.ridge.row(f)) area += static_cast<double>(weight) * out.basis.area_m2[hinge];
+    out.ridge_scale.push_back(area > 0 ? static_cast<float>(1 / area) : 0.0f);
+  }
+  for (std::size_t k = 0; k < out.basis.hinges.size(); ++k) {
+    const Vec2d& u = out.basis.along[k];
+    const double length = out.basis.length_m[k];
+    out.ridge_factor.push_back(
+        Eigen::Array4d(length * u.y() * u.y(), -length * u.x() * u.y(), length * u.x() * u.x(), 0).cast<float>());
+    const Eigen::Vector3d response = out.basis.crossing_m[k] / 2 * out.basis.response[k];
+    out.hinge_response.push_back(Eigen::Array4d(response[0], response[1], response[2], 0).cast<float>());
+  }
+  for (const double area : out.nodes.area_m2)
+    out.node_ridge_share.push_back(static_cast<float>(widest / std::max(area, 1e-30)));
+}
+
+void index_triangles(RegionStencils& out) {
+  const auto triangles = out.topology->triangles();
+  out.triangle_start.assign(out.topology->vertex_count() + 1, 0);
+  for (const Triangle& t : triangles) {
+    for (const std::uint32_t v : t) ++out.triangle_start[v + 1];
+  }
+  for (std::size_t v = 0; v < out.topology->vertex_count(); ++v) out.triangle_start[v + 1] += out.triangle_start[v];
+  out.triangles_around.resize(out.triangle_start.back());
+  std::vector<std::uint32_t> next(out.triangle_start.begin(), out.triangle_start.end() - 1);
+  for (std::uint32_t f = 0; f < triangles.size(); ++f) {
+    for (const std::uint32_t v : triangles[f]) out.triangles_around[next[v]++] = f;
+  }
+}
+
+void link_sides(RegionStencils& out) {
+  const auto& triangle_edges = out.topology->triangle_edges();
+  const auto edges = out.topology->interior_edges();
+  out.beyond.assign(3 * triangle_edges.size(), sheet::kNone);
+  for (std::uint32_t f = 0; f < triangle_edges.size(); ++f) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t edge = triangle_edges[f][k];
+      if (edge == sheet::kNone) continue;
+      const std::uint32_t other = edges[edge].left == f ? edges[edge].right : edges[edge].left;
+      const auto& sides = triangle_edges[other];
+      const auto there = static_cast<std::uint32_t>(std::find(sides.begin(), sides.end(), edge) - sides.begin());
+      out.beyond[3 * f + k] = 3 * other + there;
     }
+  }
+}
+
+void link_border(RegionStencils& out) {
+  const auto borders = out.topology->border_edges();
+  std::vector<std::uint32_t> starting(out.topology->vertex_count(), sheet::kNone);
+  for (std::uint32_t k = 0; k < borders.size(); ++k) starting[borders[k].start] = k;
+  for (std::uint32_t k = 0; k < borders.size(); ++k) {
+    const std::uint32_t next = starting[borders[k].end];
+    if (next != sheet::kNone) out.border_neighbours.push_back({k, next});
   }
 }
 
@@ -44,31 +129,21 @@ RegionStencils region_stencils(std::shared_ptr<const sheet::Topology> topology, 
   out.plane = std::move(plane);
   out.basis = hinge_basis(*out.topology, out.plane);
   const auto& x = out.plane.coordinates_m;
-  std::vector<double> tensor_radius, ridge_radius, near_radius;
-  for (const sheet::Triangle& v : out.topology->triangles()) {
-    out.centres.at_m.push_back((x[v[0]] + x[v[1]] + x[v[2]]) / 3);
-    out.centres.component.push_back(out.plane.component[v[0]]);
-    const double edge = ((x[v[0]] - x[v[1]]).norm() + (x[v[1]] - x[v[2]]).norm() + (x[v[2]] - x[v[0]]).norm()) / 3;
-    out.edge_length_m.push_back(edge);
-    tensor_radius.push_back(std::max(parameters.curvature_radius_m, parameters.curvature_radius_edges * edge));
-    near_radius.push_back(kNearRadius * tensor_radius.back());
-    out.ridge_width_m.push_back(std::max(parameters.ridge_width_m, parameters.ridge_width_edges * edge));
-    ridge_radius.push_back(kRidgeRadiusPerWidth * out.ridge_width_m.back());
+  for (const Triangle& v : out.topology->triangles()) {
+    out.centres_m.push_back((x[v[0]] + x[v[1]] + x[v[2]]) / 3);
+    out.edge_length_m.push_back(((x[v[0]] - x[v[1]]).norm() + (x[v[1]] - x[v[2]]).norm() + (x[v[2]] - x[v[0]]).norm()) / 3);
   }
-  out.tensor = kernel(out.centres, tensor_radius, out.basis.midpoints);
-  out.ridge = kernel(out.centres, ridge_radius, out.basis.midpoints);
-  out.near = kernel(out.centres, near_radius, out.centres);
-  for (std::size_t f = 0; f < out.tensor.rows(); ++f) {
-    Eigen::Matrix3d normal_matrix = Eigen::Matrix3d::Zero();
-    for (std::uint32_t k = out.tensor.start[f]; k < out.tensor.start[f + 1]; ++k) {
-      const std::uint32_t h = out.tensor.source[k];
-      normal_matrix += static_cast<double>(out.tensor.weight[k]) * out.basis.weight_m2[h] * out.basis.response[h] *
-                       out.basis.response[h].transpose();
-    }
-    out.normal_matrix.push_back(normal_matrix);
-    out.inverse.push_back(inverted_normal_matrix(normal_matrix).cast<float>());
+  fit_tensor(out, parameters);
+  prepare_ridges(out, parameters);
+  index_triangles(out);
+  link_sides(out);
+  link_border(out);
+  for (const auto& e : out.topology->interior_edges()) {
+    const double distance = (out.centres_m[e.left] - out.centres_m[e.right]).norm();
+    const double turn = parameters.ruling_agree_rad * std::max(1.0, distance / parameters.ruling_agree_m);
+    out.agree_cosine.push_back(turn >= std::numbers::pi / 2 ? -2.0f : static_cast<float>(std::cos(2 * turn)));
   }
-  index_users(out);
+  for (const auto& e : out.topology->border_edges()) out.border_twice.push_back(twice(x[e.end] - x[e.start]));
   out.graded = out.topology->triangle_count() < 1333 && is_graded(out.edge_length_m);
   return out;
 }

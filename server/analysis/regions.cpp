@@ -1,149 +1,515 @@
 #include "server/analysis/regions.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <map>
-#include <numbers>
+#include <numeric>
 
-#include "server/sheet/disjoint_sets.h"
+#include "server/sheet/simd.h"
 
 namespace rustle::analysis {
 namespace {
 
 using sheet::kNone;
 using sheet::Vec2d;
+using sheet::Vec2f;
 using sheet::Vec3f;
 
-constexpr float kSharpPull = 0.1f;  // a side across a fold ties a sliver to its neighbour this much
+constexpr double kSharpPull = 0.1;  // a side across a fold ties a sliver to its neighbour this much
 constexpr double kEmptyFit = 1e-9;  // of the trace: with less left after masking, nothing is known
 constexpr int kRidgeLayers = 2;
+constexpr float kNearLimit = 0.6f;
+constexpr float kInside = 0.7f;  // of the level nearby: what a place well inside a bend has
+constexpr std::size_t kBatch = 128;
+using Lanes = float[kBatch];
 
-struct HingeGeometry {
-  std::vector<float> angle_rad, length_m, area_m2;
-  std::vector<Vec3f> along;
+/// Principal values of symmetric tensors (xx, xy, yy): the one of largest size, the other, and the doubled direction of the
+/// other, which is that of the rulings.
+struct Principal {
+  Lanes xx, xy, yy, largest, least, cosine, sine;
 };
-
-HingeGeometry measure_hinges(const RegionStencils& s, std::span<const Vec3f> x, const std::vector<float>& face_areas_m2) {
-  HingeGeometry out;
-  const std::size_t n = s.basis.hinges.size();
-  out.angle_rad.resize(n);
-  sheet::dihedral_angles_rad(s.basis.hinges, x, out.angle_rad);
-  out.length_m.resize(n);
-  out.area_m2.resize(n);
-  out.along.resize(n);
-  const auto edges = s.topology->interior_edges();
-  for (std::size_t k = 0; k < n; ++k) {
-    const Vec3f e = x[edges[k].end] - x[edges[k].start];
-    out.length_m[k] = e.norm();
-    out.along[k] = out.length_m[k] > 0 ? Vec3f(e / out.length_m[k]) : Vec3f::Zero();
-    out.area_m2[k] = (face_areas_m2[edges[k].left] + face_areas_m2[edges[k].right]) / 3;
+RUSTLE_SIMD void find_principal(Principal& p) {
+  for (std::size_t i = 0; i < kBatch; ++i) {
+    const float mean = (p.xx[i] + p.yy[i]) / 2, d = (p.xx[i] - p.yy[i]) / 2, half = std::sqrt(d * d + p.xy[i] * p.xy[i]);
+    const float signed_half = mean >= 0 ? half : -half, scale = half > 0 ? -1 / signed_half : 0.0f;
+    p.largest[i] = mean + signed_half;
+    p.least[i] = mean - signed_half;
+    p.cosine[i] = half > 0 ? d * scale : 1.0f;
+    p.sine[i] = p.xy[i] * scale;
   }
-  return out;
 }
 
-/// Whether any hinge alone bends by a_max over the widest ridge width: otherwise there is no ridge.
-bool ridges_possible(const RegionStencils& s, const HingeGeometry& h, double limit_rad) {
-  double width = 0;
-  for (double w : s.ridge_width_m) width = std::max(width, w);
-  for (std::size_t k = 0; k < h.angle_rad.size(); ++k) {
-    if (std::fabs(h.angle_rad[k]) * h.length_m[k] * width > limit_rad * h.area_m2[k]) return true;
-  }
-  return false;
-}
-
-/// Largest principal bending in the face's plane, summed over the ridge width.
-std::vector<float> bending_over_ridge_width(const RegionStencils& s, const HingeGeometry& h,
-                                            const std::vector<Vec3f>& normals) {
-  std::vector<float> out(s.ridge.rows(), 0.0f);
-  for (std::size_t f = 0; f < out.size(); ++f) {
-    float xx = 0, yy = 0, zz = 0, xy = 0, yz = 0, xz = 0, area = 0;
-    for (std::uint32_t k = s.ridge.start[f]; k < s.ridge.start[f + 1]; ++k) {
-      const std::uint32_t e = s.ridge.source[k];
-      const float w = s.ridge.weight[k] * h.angle_rad[e] * h.length_m[e];
-      const Vec3f& u = h.along[e];
-      xx += w * u.x() * u.x(), yy += w * u.y() * u.y(), zz += w * u.z() * u.z();
-      xy += w * u.x() * u.y(), yz += w * u.y() * u.z(), xz += w * u.x() * u.z();
-      area += s.ridge.weight[k] * h.area_m2[e];
+/// Calls take(i, principal, lane) for the tensors give(i), i < count.
+template <class Give, class Take>
+void each_principal(std::size_t count, Give&& give, Take&& take) {
+  Principal p{};
+  for (std::size_t first = 0; first < count; first += kBatch) {
+    const std::size_t lanes = std::min(kBatch, count - first);
+    for (std::size_t i = 0; i < lanes; ++i) {
+      const Moment m = give(first + i);
+      p.xx[i] = m[0], p.xy[i] = m[1], p.yy[i] = m[2];
     }
-    if (!(area > 0)) continue;
-    Eigen::Matrix3f tensor;
-    tensor << xx, xy, xz, xy, yy, yz, xz, yz, zz;
-    const Vec3f across = tensor * normals[f];
-    const float normal_part = normals[f].dot(across);
-    const float trace = tensor.trace() - normal_part;
-    const float squares = tensor.squaredNorm() - 2 * across.squaredNorm() + normal_part * normal_part;
-    const float half = std::sqrt(std::max(squares / 2 - trace * trace / 4, 0.0f));
-    out[f] = (std::fabs(trace) / 2 + half) / area * static_cast<float>(s.ridge_width_m[f]);
+    find_principal(p);
+    for (std::size_t i = 0; i < lanes; ++i) take(first + i, p, i);
   }
-  return out;
 }
 
 /// Adds to a set of faces, once, the neighbours beyond an edge whose bending exceeds a limit.
-std::vector<std::uint8_t> grown(const sheet::Topology& topology, const std::vector<std::uint8_t>& faces,
-                                const std::vector<float>& bend_rad, double limit_rad) {
-  std::vector<std::uint8_t> out = faces;
+void grow(const sheet::Topology& topology, const std::vector<float>& bend_rad, double limit_rad,
+          const std::vector<std::uint8_t>& faces, std::vector<std::uint8_t>& out) {
+  const auto limit = static_cast<float>(limit_rad);
+  out = faces;
   for (const auto& e : topology.interior_edges()) {
-    if (faces[e.right] && bend_rad[e.left] > limit_rad) out[e.left] = kRidge;
-    if (faces[e.left] && bend_rad[e.right] > limit_rad) out[e.right] = kRidge;
+    if (faces[e.right] && bend_rad[e.left] > limit) out[e.left] = kRidge;
+    if (faces[e.left] && bend_rad[e.right] > limit) out[e.right] = kRidge;
   }
-  return out;
 }
 
-/// The fitted tensor's principal values and rulings; hinges inside a fold are left out, so it does not curve the flats
-/// beside it.
-void fit_bending(const RegionStencils& s, const HingeGeometry& h, const std::vector<std::uint8_t>& skirt, RegionMap& map) {
-  const std::size_t hinges = h.angle_rad.size(), faces = s.tensor.rows();
-  std::vector<std::array<float, 4>> moment(hinges);
-  std::vector<Eigen::Matrix3d> removed;
-  std::vector<bool> changed;
+/// M at every vertex, of all hinges.
+void fit_tensor(const RegionStencils& s, RegionScratch& scratch) {
+  scratch.tensor.resize(s.tensor.rows());
+  for (std::size_t i = 0; i < s.tensor.rows(); ++i) {
+    const Eigen::Vector3f m = s.inverse[i] * weighted_sum(s.tensor.row(i), scratch.moments).matrix().head<3>();
+    scratch.tensor[i] = {m[0], m[1], m[2], 0.0f};
+  }
+}
+
+/// M again where hinges inside a fold took part, without them, so that the fold does not curve the flats beside it.
+void leave_out_folds(const RegionStencils& s, RegionScratch& scratch) {
   const auto edges = s.topology->interior_edges();
-  for (std::size_t k = 0; k < hinges; ++k) {
-    if (skirt[edges[k].left] || skirt[edges[k].right]) {
-      moment[k] = {};
-      if (changed.empty()) removed.assign(faces, Eigen::Matrix3d::Zero()), changed.assign(faces, false);
-      const Eigen::Matrix3d own = s.basis.weight_m2[k] * s.basis.response[k] * s.basis.response[k].transpose();
-      for (std::uint32_t u = s.tensor_user_start[k]; u < s.tensor_user_start[k + 1]; ++u) {
-        removed[s.tensor_user[u]] += static_cast<double>(s.tensor_user_weight[u]) * own;
-        changed[s.tensor_user[u]] = true;
-      }
-      continue;
+  scratch.removed.assign(s.nodes.normal_matrix.size(), Eigen::Matrix3d::Zero());
+  scratch.changed.assign(s.nodes.normal_matrix.size(), 0);
+  for (std::size_t k = 0; k < edges.size(); ++k) {
+    if (!scratch.skirt[edges[k].left] && !scratch.skirt[edges[k].right]) continue;
+    scratch.angles_rad[k] = 0;
+    for (const std::uint32_t n : s.nodes.ends[k]) {
+      scratch.removed[n] += s.nodes.hinge_normal[k];
+      scratch.changed[n] = 1;
     }
-    const Eigen::Vector3d m =
-        s.basis.weight_m2[k] / s.basis.crossing_m[k] * static_cast<double>(h.angle_rad[k]) * s.basis.response[k];
-    moment[k] = {static_cast<float>(m[0]), static_cast<float>(m[1]), static_cast<float>(m[2]), 0.0f};
   }
-  map.curvature_per_m.resize(faces);
-  map.least_curvature_per_m.resize(faces);
-  map.ruling_rad.resize(faces);
-  for (std::size_t f = 0; f < faces; ++f) {
-    Eigen::Array4f sum = Eigen::Array4f::Zero();
-    for (std::uint32_t k = s.tensor.start[f]; k < s.tensor.start[f + 1]; ++k) {
-      sum += s.tensor.weight[k] * Eigen::Map<const Eigen::Array4f>(moment[s.tensor.source[k]].data());
+  gather_moments(s.nodes, scratch.angles_rad, scratch.moments);
+  for (std::size_t i = 0; i < s.tensor.rows(); ++i) {
+    const auto row = s.tensor.row(i);
+    if (std::none_of(row.begin(), row.end(), [&](const auto& entry) { return scratch.changed[entry.source] != 0; }))
+      continue;
+    Eigen::Matrix3d whole = Eigen::Matrix3d::Zero(), removed = Eigen::Matrix3d::Zero();
+    for (const auto& [node, weight] : row) {
+      whole += static_cast<double>(weight) * s.nodes.normal_matrix[node];
+      if (scratch.changed[node]) removed += static_cast<double>(weight) * scratch.removed[node];
     }
-    Eigen::Vector3f m = Eigen::Vector3f::Zero();
-    if (changed.empty() || !changed[f]) {
-      m = s.inverse[f] * sum.matrix().head<3>();
-    } else {
-      const Eigen::Matrix3d left = s.normal_matrix[f] - removed[f];
-      if (left.trace() > kEmptyFit * s.normal_matrix[f].trace()) {
-        m = (inverted_normal_matrix(left) * sum.matrix().head<3>().cast<double>()).cast<float>();
-      }
+    const Eigen::Matrix3d left = whole - removed;
+    Eigen::Vector3d m = Eigen::Vector3d::Zero();
+    if (left.trace() > kEmptyFit * whole.trace()) {
+      m = inverted_normal_matrix(left) * weighted_sum(row, scratch.moments).matrix().head<3>().cast<double>();
     }
-    const float mean = (m[0] + m[2]) / 2, d = (m[0] - m[2]) / 2, half = std::sqrt(d * d + m[1] * m[1]),
-                sign = mean >= 0 ? 1.0f : -1.0f;
-    map.curvature_per_m[f] = mean + sign * half;
-    map.least_curvature_per_m[f] = mean - sign * half;
-    map.ruling_rad[f] = 0.5f * std::atan2(m[1] * sign, d * sign) + std::numbers::pi_v<float> / 2;
+    scratch.tensor[i] = Eigen::Array4d(m[0], m[1], m[2], 0).cast<float>();
   }
 }
 
-/// A rest-plane direction as a unit direction in space.
-Vec3f to_space(const RegionStencils& s, std::span<const Vec3f> x, std::size_t f, float angle) {
-  const sheet::Triangle& v = s.topology->triangles()[f];
+Moment tensor_of(const RegionStencils& s, const RegionScratch& scratch, std::size_t triangle) {
+  const sheet::Triangle& v = s.topology->triangles()[triangle];
+  return (scratch.tensor[v[0]] + scratch.tensor[v[1]] + scratch.tensor[v[2]]) / 3.0f;
+}
+
+/// Largest principal bending over the ridge width: that of the smooth fit, and what the hinges show beyond it. A smooth bend
+/// so counts for what it is on any mesh. Calls take(triangle, bending) for the triangles of a list.
+template <class Take>
+void bend_over_ridge_width(const RegionStencils& s, const RegionScratch& scratch, std::span<const std::uint32_t> triangles,
+                           Take&& take) {
+  each_principal(
+      triangles.size(),
+      [&](std::size_t i) {
+        const std::uint32_t f = triangles[i];
+        const Moment sharp = s.ridge_scale[f] * weighted_sum(s.ridge.row(f), scratch.ridge_moments);
+        return Moment(s.ridge_width_m[f] * (sharp + tensor_of(s, scratch, f)));
+      },
+      [&](std::size_t i, const Principal& p, std::size_t lane) { take(triangles[i], std::fabs(p.largest[lane])); });
+}
+
+void find_ridges(const RegionStencils& s, const Parameters& parameters, RegionScratch& scratch, RegionMap& map) {
+  const auto count = static_cast<std::uint32_t>(map.faces.areas_m2.size());
+  const auto limit = static_cast<float>(parameters.ridge_angle_rad);
+  map.ridge.assign(count, 0);
+  map.bend_rad.assign(count, 0.0f);
+  scratch.skirt.clear();
+  // Where the mean bending |θ||e| over the hinge areas around a corner does not come near a_max, there is no ridge.
+  scratch.hidden.resize(scratch.moments.size());
+  for (std::size_t n = 0; n < scratch.moments.size(); ++n) {
+    scratch.hidden[n] = scratch.moments[n][3] * s.node_ridge_share[n] > kNearLimit * limit;
+  }
+  scratch.ridges.clear();
+  for (std::uint32_t f = 0; f < count; ++f) {
+    const sheet::Triangle& v = s.topology->triangles()[f];
+    const auto& node = s.nodes.of_vertex;
+    if (scratch.hidden[node[v[0]]] | scratch.hidden[node[v[1]]] | scratch.hidden[node[v[2]]]) scratch.ridges.push_back(f);
+  }
+  if (scratch.ridges.empty()) return;
+  const auto& hinges = s.basis.hinges;
+  scratch.ridge_moments.resize(hinges.size());
+  for (std::size_t k = 0; k < hinges.size(); ++k) {
+    const Moment smooth = s.hinge_response[k] * (scratch.tensor[hinges[k][0]] + scratch.tensor[hinges[k][1]]);
+    scratch.ridge_moments[k] = (scratch.angles_rad[k] - smooth[0] - smooth[1] - smooth[2]) * s.ridge_factor[k];
+  }
+  bool any = false;
+  bend_over_ridge_width(s, scratch, scratch.ridges, [&](std::uint32_t f, float bend_rad) {
+    if (bend_rad > limit) map.ridge[f] = kRidge, any = true;
+  });
+  if (!any) return;
+  scratch.ridges.resize(count);
+  std::iota(scratch.ridges.begin(), scratch.ridges.end(), 0u);
+  bend_over_ridge_width(s, scratch, scratch.ridges, [&](std::uint32_t f, float bend_rad) { map.bend_rad[f] = bend_rad; });
+  for (int layer = 0; layer < kRidgeLayers; ++layer) {
+    grow(*s.topology, map.bend_rad, parameters.ridge_low_rad, map.ridge, scratch.grown);
+    map.ridge.swap(scratch.grown);
+  }
+  grow(*s.topology, map.bend_rad, parameters.ridge_skirt_rad, map.ridge, scratch.skirt);
+}
+
+/// Largest bending of each sign near every vertex. The kernel blurs borders: what a place near one shows is less than what
+/// the region has. Vertices wholly inside ridges are passed over.
+void prepare_levels(const RegionStencils& s, RegionScratch& scratch, const RegionMap& map) {
+  const std::size_t vertices = scratch.tensor.size();
+  scratch.vertex_curvature_per_m.resize(vertices);
+  each_principal(
+      vertices, [&](std::size_t i) { return scratch.tensor[i]; },
+      [&](std::size_t i, const Principal& p, std::size_t lane) { scratch.vertex_curvature_per_m[i] = p.largest[lane]; });
+  if (!scratch.skirt.empty()) {
+    scratch.hidden.assign(vertices, 1);
+    for (std::size_t f = 0; f < map.ridge.size(); ++f) {
+      if (map.ridge[f]) continue;
+      for (const std::uint32_t v : s.topology->triangles()[f]) scratch.hidden[v] = 0;
+    }
+    for (std::size_t i = 0; i < vertices; ++i) {
+      if (scratch.hidden[i]) scratch.vertex_curvature_per_m[i] = 0;
+    }
+  }
+  scratch.level_per_m.assign(vertices, {});
+  scratch.most_per_m = {0, 0};
+  for (const float k : scratch.vertex_curvature_per_m) {
+    scratch.most_per_m = {std::max(scratch.most_per_m.up, k), std::max(scratch.most_per_m.down, -k)};
+  }
+}
+
+RegionScratch::Level level_at(const RegionStencils& s, RegionScratch& scratch, std::uint32_t vertex) {
+  RegionScratch::Level& level = scratch.level_per_m[vertex];
+  if (level.up < 0) {
+    level = {0, 0};
+    for (const auto& [j, weight] : s.near.row(vertex)) {
+      level.up = std::max(level.up, scratch.vertex_curvature_per_m[j]);
+      level.down = std::max(level.down, -scratch.vertex_curvature_per_m[j]);
+    }
+  }
+  return level;
+}
+
+RegionScratch::Level level_of(const RegionStencils& s, RegionScratch& scratch, std::uint32_t triangle) {
+  const sheet::Triangle& v = s.topology->triangles()[triangle];
+  const auto a = level_at(s, scratch, v[0]), b = level_at(s, scratch, v[1]), c = level_at(s, scratch, v[2]);
+  return {std::max({a.up, b.up, c.up}), std::max({a.down, b.down, c.down})};
+}
+
+/// Border edges by the curvature along them; where it has fallen off, by the largest nearby, for the kernel blurs where a
+/// bend begins.
+void measure_border(const RegionStencils& s, const RegionScratch& scratch, const Parameters& parameters, RegionMap& map) {
+  const auto flat = static_cast<float>(parameters.flat_bending_per_m);
+  const auto borders = s.topology->border_edges();
+  map.border_curvature_per_m.resize(borders.size());
+  map.free_border.resize(borders.size());
+  for (std::size_t k = 0; k < borders.size(); ++k) {
+    const float cosine = s.border_twice[k].x(), sine = s.border_twice[k].y();
+    const Moment direction((1 + cosine) / 2, sine, (1 - cosine) / 2, 0);
+    const auto along = [&](const Moment& tensor) { return std::fabs((direction * tensor).sum()); };
+    float most = 0;
+    for (const std::uint32_t end : {borders[k].start, borders[k].end}) {
+      for (const auto& [j, weight] : s.near.row(end)) {
+        if (scratch.skirt.empty() || !scratch.hidden[j]) most = std::max(most, along(scratch.tensor[j]));
+      }
+    }
+    const float here = along((scratch.tensor[borders[k].start] + scratch.tensor[borders[k].end]) / 2);
+    const float curvature = here >= kInside * most ? here : most;
+    map.border_curvature_per_m[k] = curvature;
+    map.free_border[k] = std::clamp((curvature / flat - 0.75f) / 0.5f, 0.0f, 1.0f);
+  }
+}
+
+/// Everything but the labels.
+void find_bending(const RegionStencils& s, const RegionFrame& frame, const Parameters& parameters, RegionScratch& scratch,
+                  RegionMap& map) {
+  assert(frame.positions_m.size() == s.topology->vertex_count());
+  sheet::face_geometry(*s.topology, frame.positions_m, map.faces);
+  if (frame.angles_rad.empty()) {
+    scratch.angles_rad.resize(s.basis.hinges.size());
+    sheet::dihedral_angles_rad(s.basis.hinges, frame.positions_m, scratch.angles_rad);
+  } else {
+    assert(frame.angles_rad.size() == s.basis.hinges.size());
+    scratch.angles_rad.assign(frame.angles_rad.begin(), frame.angles_rad.end());
+  }
+  gather_moments(s.nodes, scratch.angles_rad, scratch.moments);
+  fit_tensor(s, scratch);
+  find_ridges(s, parameters, scratch, map);
+  if (!scratch.skirt.empty()) leave_out_folds(s, scratch);
+  const auto triangles = s.topology->triangles();
+  map.curvature_per_m.resize(triangles.size());
+  map.least_curvature_per_m.resize(triangles.size());
+  map.ruling_twice.resize(triangles.size());
+  each_principal(
+      triangles.size(), [&](std::size_t f) { return tensor_of(s, scratch, f); },
+      [&](std::size_t f, const Principal& p, std::size_t lane) {
+        map.curvature_per_m[f] = p.largest[lane];
+        map.least_curvature_per_m[f] = p.least[lane];
+        map.ruling_twice[f] = {p.cosine[lane], p.sine[lane]};
+      });
+  prepare_levels(s, scratch, map);
+  measure_border(s, scratch, parameters, map);
+}
+
+/// Faces of one kind, by their level: between flat and curved the border lies where half the curvature of the curved side
+/// is reached; between the two signs of an S it lies at zero, and there is no flat strip.
+void find_signs(const RegionStencils& s, const RegionState* state, const Parameters& parameters, const RegionMap& map,
+                std::vector<std::uint8_t>& curved, RegionScratch& scratch) {
+  const std::size_t count = map.curvature_per_m.size();
+  const auto flat = static_cast<float>(parameters.flat_bending_per_m),
+             enter = static_cast<float>(parameters.flat_enter_per_m),
+             leave = static_cast<float>(parameters.flat_leave_per_m);
+  scratch.sign.resize(count);
+  curved.resize(count);
+  const auto most = scratch.most_per_m;
+  const bool may_inflect = most.up > flat && most.down > flat;
+  const float surely_bent = 0.5f * std::max(most.up, most.down);
+  for (std::uint32_t f = 0; f < count; ++f) {
+    const float k = map.curvature_per_m[f], size = std::fabs(k);
+    const float threshold = state == nullptr ? flat : state->curved[f] ? enter : leave;
+    curved[f] = size >= threshold;
+    bool bent = curved[f];
+    if (may_inflect || (bent && size < surely_bent)) {
+      const auto [up, down] = level_of(s, scratch, f);
+      const bool inflection = up > flat && down > flat;
+      bent = inflection || (bent && size >= 0.5f * std::max(up, down));
+    }
+    scratch.sign[f] = static_cast<std::int8_t>(!bent ? 0 : k > 0 ? 1 : k < 0 ? -1 : 0);
+  }
+}
+
+/// Labels connected faces of one kind whose rulings agree from neighbour to neighbour. Ridge faces have none.
+void label_faces(const RegionStencils& s, RegionScratch& scratch, RegionMap& map) {
+  const auto count = static_cast<std::uint32_t>(map.ridge.size());
+  const auto triangle_edges = s.topology->triangle_edges();
+  map.region.assign(count, kNone);
+  map.region_count = 0;
+  std::vector<std::uint32_t>& open = scratch.numbers;
+  for (std::uint32_t first = 0; first < count; ++first) {
+    if (map.region[first] != kNone || map.ridge[first]) continue;
+    const std::uint32_t label = map.region_count++;
+    const std::int8_t sign = scratch.sign[first];
+    map.region[first] = label;
+    open.assign(1, first);
+    while (!open.empty()) {
+      const std::uint32_t f = open.back();
+      open.pop_back();
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t side = s.beyond[3 * f + k];
+        if (side == kNone) continue;
+        const std::uint32_t g = side / 3;
+        if (map.region[g] != kNone || map.ridge[g] || scratch.sign[g] != sign) continue;
+        if (sign != 0 && map.ruling_twice[f].dot(map.ruling_twice[g]) < s.agree_cosine[triangle_edges[f][k]]) continue;
+        map.region[g] = label;
+        open.push_back(g);
+      }
+    }
+  }
+}
+
+/// Ridge faces join a side, lowest bending first, so a ridge becomes a line; one lower than all its neighbours starts a
+/// facet of its own: a crumpled sheet is facets between ridges, not one region.
+void flood_ridges(const RegionStencils& s, RegionScratch& scratch, RegionMap& map) {
+  if (scratch.skirt.empty()) return;
+  std::vector<std::uint32_t>& label = map.region;
+  scratch.ridges.clear();
+  for (std::uint32_t f = 0; f < label.size(); ++f) {
+    if (map.ridge[f]) scratch.ridges.push_back(f);
+  }
+  std::sort(scratch.ridges.begin(), scratch.ridges.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return map.bend_rad[a] != map.bend_rad[b] ? map.bend_rad[a] < map.bend_rad[b] : a < b;
+  });
+  for (const std::uint32_t f : scratch.ridges) {
+    std::uint32_t best = kNone;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t side = s.beyond[3 * f + k];
+      if (side == kNone) continue;
+      const std::uint32_t g = side / 3;
+      if (label[g] != kNone && (best == kNone || map.bend_rad[g] < map.bend_rad[best])) best = g;
+    }
+    label[f] = best == kNone ? map.region_count++ : label[best];
+  }
+}
+
+RegionScratch::Beside& beside(RegionScratch::Part& part, std::uint32_t region) {
+  for (auto& b : part.beside) {
+    if (b.region == region) return b;
+  }
+  return part.beside.emplace_back(RegionScratch::Beside{region, 0, 0});
+}
+
+void part_from(RegionScratch::Part& part, std::uint32_t region) {
+  std::erase_if(part.beside, [&](const auto& b) { return b.region == region; });
+}
+
+/// Smallest first, a region thinner than the least width joins the neighbour it is tied to most. Twice the width is asked of
+/// one with smooth neighbours: a facet between ridges may be narrow.
+void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Parameters& parameters, RegionScratch& scratch,
+                   RegionMap& map) {
+  std::vector<std::uint32_t>& label = map.region;
+  const std::uint32_t count = map.region_count;
+  auto& parts = scratch.parts;
+  if (parts.size() < count) parts.resize(count);
+  for (std::uint32_t r = 0; r < count; ++r) {
+    parts[r].area_m2 = parts[r].perimeter_m = parts[r].coarse_m3 = 0;
+    parts[r].alive = true;
+    parts[r].beside.clear();
+  }
+  for (std::size_t f = 0; f < label.size(); ++f) {
+    parts[label[f]].area_m2 += static_cast<double>(map.faces.areas_m2[f]);
+    parts[label[f]].coarse_m3 += static_cast<double>(map.faces.areas_m2[f]) * 0.5 * s.edge_length_m[f];
+  }
+  for (const auto& e : s.topology->border_edges()) {
+    parts[label[e.triangle]].perimeter_m += static_cast<double>((x[e.end] - x[e.start]).norm());
+  }
+  for (const auto& e : s.topology->interior_edges()) {
+    const std::uint32_t a = label[e.left], b = label[e.right];
+    if (a == b) continue;
+    const auto length = static_cast<double>((x[e.end] - x[e.start]).norm());
+    const double bend = static_cast<double>(map.bend_rad[e.left]) + static_cast<double>(map.bend_rad[e.right]);
+    const double tie = bend > 2 * parameters.ridge_angle_rad ? kSharpPull * length : length;
+    for (const auto& [i, j] : {std::pair{a, b}, std::pair{b, a}}) {
+      parts[i].perimeter_m += length;
+      auto& side = beside(parts[i], j);
+      side.tie_m += tie;
+      side.length_m += length;
+    }
+  }
+  const auto is_sliver = [&](const RegionScratch::Part& part) {
+    if (!part.alive || part.beside.empty()) return false;
+    double tie = 0, length = 0;
+    for (const auto& b : part.beside) tie += b.tie_m, length += b.length_m;
+    const double limit = tie > 0.5 * length ? std::max(part.width_m, 2 * parameters.min_region_width_m) : part.width_m;
+    return 2 * part.area_m2 < limit * std::max(part.perimeter_m, 1e-30);
+  };
+  for (std::uint32_t r = 0; r < count; ++r) {
+    parts[r].width_m = std::max(parameters.min_region_width_m, parts[r].coarse_m3 / std::max(parts[r].area_m2, 1e-30));
+    parts[r].sliver = is_sliver(parts[r]);
+  }
+  scratch.numbers.resize(count);
+  for (std::uint32_t r = 0; r < count; ++r) scratch.numbers[r] = r;
+  while (true) {
+    std::uint32_t r = kNone;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      if (parts[i].sliver && (r == kNone || parts[i].area_m2 < parts[r].area_m2)) r = i;
+    }
+    if (r == kNone) break;
+    RegionScratch::Beside most = parts[r].beside.front();
+    for (const auto& b : parts[r].beside) {
+      if (b.tie_m > most.tie_m || (b.tie_m == most.tie_m && b.region < most.region)) most = b;
+    }
+    RegionScratch::Part& host = parts[most.region];
+    host.area_m2 += parts[r].area_m2;
+    host.perimeter_m += parts[r].perimeter_m - 2 * most.length_m;
+    part_from(host, r);
+    for (const auto& b : parts[r].beside) {
+      if (b.region == most.region) continue;
+      part_from(parts[b.region], r);
+      for (const auto& [i, j] : {std::pair{most.region, b.region}, std::pair{b.region, most.region}}) {
+        auto& side = beside(parts[i], j);
+        side.tie_m += b.tie_m;
+        side.length_m += b.length_m;
+      }
+      parts[b.region].sliver = is_sliver(parts[b.region]);
+    }
+    parts[r].alive = parts[r].sliver = false;
+    parts[r].beside.clear();
+    host.sliver = is_sliver(host);
+    scratch.numbers[r] = most.region;
+  }
+  // Those left are numbered in their order; every other takes the number of what it joined.
+  map.region_area_m2.clear();
+  map.region_perimeter_m.clear();
+  scratch.ridges.resize(count);
+  for (std::uint32_t r = 0; r < count; ++r) {
+    if (!parts[r].alive) continue;
+    scratch.ridges[r] = static_cast<std::uint32_t>(map.region_area_m2.size());
+    map.region_area_m2.push_back(parts[r].area_m2);
+    map.region_perimeter_m.push_back(parts[r].perimeter_m);
+  }
+  map.region_count = static_cast<std::uint32_t>(map.region_area_m2.size());
+  if (map.region_count == count) return;
+  for (std::uint32_t r = 0; r < count; ++r) {
+    std::uint32_t host = r;
+    while (scratch.numbers[host] != host) host = scratch.numbers[host];
+    if (host != r) scratch.ridges[r] = scratch.ridges[host];
+  }
+  for (std::uint32_t& l : label) l = scratch.ridges[l];
+}
+
+/// Where along the border one smooth region ends and the next begins, within the edges on either side: between the signs of
+/// an S where the curvature is zero, between flat and curved where it is half its level nearby.
+void shift_border_ends(const RegionStencils& s, std::span<const Vec3f> x, RegionScratch& scratch, RegionMap& map) {
+  map.border_shifts.clear();
+  if (map.region_count < 2) return;
+  const auto borders = s.topology->border_edges();
+  for (const auto& [first, second] : s.border_neighbours) {
+    const auto &a = borders[first], &b = borders[second];  // a ends where b starts
+    const std::uint32_t from = map.region[a.triangle], to = map.region[b.triangle];
+    if (from == to || map.ridge[a.triangle] || map.ridge[b.triangle]) continue;
+    const auto& k = scratch.vertex_curvature_per_m;
+    const bool inflection = map.region_curved[from] && map.region_curved[to];
+    const auto here_level = level_of(s, scratch, a.triangle), next_level = level_of(s, scratch, b.triangle);
+    const float half_level = 0.5f * std::max({here_level.up, here_level.down, next_level.up, next_level.down});
+    const auto past = [&](std::uint32_t vertex) {  // grows from one region to the other through 0
+      const float curvature = k[vertex];
+      if (inflection) return k[a.start] > k[b.end] ? -curvature : curvature;
+      const float curved = std::fabs(curvature) - half_level;
+      return map.region_curved[from] ? -curved : curved;
+    };
+    const float before = past(a.start), here = past(b.start), after = past(b.end);
+    if (before < 0 && here >= 0) {  // inside a: its last part is the next region's
+      const float part = here / (here - before) * (x[a.end] - x[a.start]).norm();
+      map.border_shifts.push_back({from, to, part, static_cast<std::uint32_t>(first)});
+    } else if (here < 0 && after >= 0) {
+      const float part = here / (here - after) * (x[b.end] - x[b.start]).norm();
+      map.border_shifts.push_back({to, from, part, static_cast<std::uint32_t>(second)});
+    }
+  }
+}
+
+void measure_regions(const RegionStencils& s, std::span<const Vec3f> x, RegionMap& map) {
+  map.region_area_m2.assign(map.region_count, 0.0);
+  map.region_perimeter_m.assign(map.region_count, 0.0);
+  for (std::size_t f = 0; f < map.region.size(); ++f) {
+    map.region_area_m2[map.region[f]] += static_cast<double>(map.faces.areas_m2[f]);
+  }
+  const auto add = [&](std::uint32_t region, const auto& e) {
+    map.region_perimeter_m[region] += static_cast<double>((x[e.end] - x[e.start]).norm());
+  };
+  for (const auto& e : s.topology->border_edges()) add(map.region[e.triangle], e);
+  if (map.region_count < 2) return;
+  for (const auto& e : s.topology->interior_edges()) {
+    const std::uint32_t a = map.region[e.left], b = map.region[e.right];
+    if (a != b) add(a, e), add(b, e);
+  }
+}
+
+}  // namespace
+
+Vec2d ruling_direction(const RegionMap& map, std::size_t triangle) {
+  const Vec2d twice = map.ruling_twice[triangle].cast<double>();
+  const double cosine = std::sqrt(std::max((1 + twice.x()) / 2, 0.0)), sine = std::sqrt(std::max((1 - twice.x()) / 2, 0.0));
+  return {cosine, twice.y() < 0 ? -sine : sine};
+}
+
+Vec3f ruling_in_space(const RegionStencils& s, const RegionMap& map, std::span<const Vec3f> x, std::size_t triangle) {
+  const sheet::Triangle& v = s.topology->triangles()[triangle];
   const auto& r = s.plane.coordinates_m;
-  const Vec2d a = r[v[1]] - r[v[0]], b = r[v[2]] - r[v[0]], d(std::cos(angle), std::sin(angle));
+  const Vec2d a = r[v[1]] - r[v[0]], b = r[v[2]] - r[v[0]], d = ruling_direction(map, triangle);
   const double det = a.x() * b.y() - a.y() * b.x();
   if (std::fabs(det) < 1e-16) return Vec3f::UnitX();
   const auto along_a = static_cast<float>((d.x() * b.y() - d.y() * b.x()) / det);
@@ -153,248 +519,46 @@ Vec3f to_space(const RegionStencils& s, std::span<const Vec3f> x, std::size_t f,
   return length > 0 ? Vec3f(out / length) : Vec3f::UnitX();
 }
 
-/// Largest bending of each sign within the kernel's reach. The kernel blurs borders: what a face near one shows is less than
-/// what the region has.
-struct NearbyLevel {
-  std::vector<float> up, down;
-};
-NearbyLevel nearby_level(const RegionStencils& s, const RegionMap& map) {
-  NearbyLevel out{std::vector<float>(s.near.rows(), 0.0f), std::vector<float>(s.near.rows(), 0.0f)};
-  for (std::size_t f = 0; f < s.near.rows(); ++f) {
-    for (std::uint32_t k = s.near.start[f]; k < s.near.start[f + 1]; ++k) {
-      const std::uint32_t g = s.near.source[k];
-      if (map.ridge[g]) continue;
-      out.up[f] = std::max(out.up[f], map.curvature_per_m[g]);
-      out.down[f] = std::max(out.down[f], -map.curvature_per_m[g]);
-    }
-  }
-  return out;
-}
-
-/// Renumbers labels from 0 in their order; returns how many there are.
-std::uint32_t compact(std::vector<std::uint32_t>& label) {
-  if (label.empty()) return 0;
-  std::vector<std::uint32_t> number(std::size_t{*std::max_element(label.begin(), label.end())} + 1, 0);
-  for (std::uint32_t l : label) number[l] = 1;
-  std::uint32_t next = 0;
-  for (std::uint32_t& n : number) n = n != 0 ? next++ : 0;
-  for (std::uint32_t& l : label) l = number[l];
-  return next;
-}
-
-std::vector<std::uint32_t> labels_of(sheet::DisjointSets& sets, std::size_t count) {
-  std::vector<std::uint32_t> label(count);
-  for (std::uint32_t i = 0; i < count; ++i) label[i] = sets.find(i);
-  return label;
-}
-
-/// Ridge faces join a side, lowest bending first, so a ridge becomes a line; one lower than all its neighbours starts a
-/// facet of its own: a crumpled sheet is facets between ridges, not one region.
-void flood_ridges(const sheet::Topology& topology, const RegionMap& map, std::vector<std::uint32_t>& label) {
-  std::vector<std::uint32_t> ridges;
-  auto next = static_cast<std::uint32_t>(label.size());
-  for (std::uint32_t f = 0; f < label.size(); ++f) {
-    if (map.ridge[f]) label[f] = kNone, ridges.push_back(f);
-  }
-  std::stable_sort(ridges.begin(), ridges.end(),
-                   [&](std::uint32_t a, std::uint32_t b) { return map.bend_rad[a] < map.bend_rad[b]; });
-  for (std::uint32_t f : ridges) {
-    std::uint32_t best = kNone;
-    for (std::uint32_t k : topology.triangle_edges()[f]) {
-      if (k == kNone) continue;
-      const auto& e = topology.interior_edges()[k];
-      const std::uint32_t g = e.left == f ? e.right : e.left;
-      if (label[g] != kNone && (best == kNone || map.bend_rad[g] < map.bend_rad[best])) best = g;
-    }
-    label[f] = best == kNone ? next++ : label[best];
-  }
-}
-
-/// Smallest first, a region thinner than the least width joins the neighbour it is tied to most. Twice the width is asked of
-/// one with smooth neighbours: a facet between ridges may be narrow.
-void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const RegionMap& map, const HingeGeometry& h,
-                   const Parameters& parameters, std::vector<std::uint32_t>& label) {
-  struct Border {
-    double tie = 0, length = 0;
-  };
-  struct Region {
-    double area = 0, perimeter = 0, coarse = 0, width = 0;
-    std::map<std::uint32_t, Border> beside;
-    bool alive = true;
-  };
-  std::vector<Region> regions(compact(label));
-  for (std::size_t f = 0; f < label.size(); ++f) {
-    regions[label[f]].area += map.areas_m2[f];
-    regions[label[f]].coarse += map.areas_m2[f] * 0.5 * s.edge_length_m[f];
-  }
-  for (const auto& e : s.topology->border_edges()) regions[label[e.triangle]].perimeter += (x[e.end] - x[e.start]).norm();
-  const auto edges = s.topology->interior_edges();
-  for (std::size_t k = 0; k < edges.size(); ++k) {
-    const std::uint32_t a = label[edges[k].left], b = label[edges[k].right];
-    if (a == b) continue;
-    const bool sharp = map.bend_rad[edges[k].left] + map.bend_rad[edges[k].right] > 2 * parameters.ridge_angle_rad;
-    for (const auto& [i, j] : {std::pair{a, b}, std::pair{b, a}}) {
-      regions[i].perimeter += h.length_m[k];
-      regions[i].beside[j].tie += h.length_m[k] * (sharp ? kSharpPull : 1.0f);
-      regions[i].beside[j].length += h.length_m[k];
-    }
-  }
-  for (Region& r : regions) r.width = std::max(parameters.min_region_width_m, r.coarse / std::max(r.area, 1e-30));
-  const auto is_sliver = [&](const Region& r) {
-    if (!r.alive || r.beside.empty()) return false;
-    double tie = 0, length = 0;
-    for (const auto& [other, border] : r.beside) tie += border.tie, length += border.length;
-    const double limit = tie > 0.5 * length ? std::max(r.width, 2 * parameters.min_region_width_m) : r.width;
-    return 2 * r.area < limit * std::max(r.perimeter, 1e-30);
-  };
-  std::vector<bool> sliver(regions.size());
-  for (std::size_t i = 0; i < regions.size(); ++i) sliver[i] = is_sliver(regions[i]);
-  std::vector<std::uint32_t> to(regions.size());
-  for (std::uint32_t i = 0; i < to.size(); ++i) to[i] = i;
-  while (true) {
-    std::uint32_t r = kNone;
-    for (std::uint32_t i = 0; i < regions.size(); ++i) {
-      if (sliver[i] && (r == kNone || regions[i].area < regions[r].area)) r = i;
-    }
-    if (r == kNone) break;
-    const std::uint32_t g =
-        std::max_element(regions[r].beside.begin(), regions[r].beside.end(), [](const auto& a, const auto& b) {
-          return a.second.tie < b.second.tie;
-        })->first;
-    regions[g].area += regions[r].area;
-    regions[g].perimeter += regions[r].perimeter - 2 * regions[r].beside[g].length;
-    for (const auto& [j, border] : regions[r].beside) {
-      regions[j].beside.erase(r);
-      if (j == g) continue;
-      for (const auto& [a, b] : {std::pair{g, j}, std::pair{j, g}}) {
-        regions[a].beside[b].tie += border.tie;
-        regions[a].beside[b].length += border.length;
-      }
-      sliver[j] = is_sliver(regions[j]);
-    }
-    regions[r].alive = false;
-    regions[r].beside.clear();
-    sliver[r] = false;
-    sliver[g] = is_sliver(regions[g]);
-    to[r] = g;
-  }
-  for (std::uint32_t& l : label) {
-    while (to[l] != l) l = to[l];
-  }
-}
-
-/// Border edges by their curvature across the border: κ across the ruling, the other along it.
-void measure_border(const RegionStencils& s, std::span<const Vec3f> x, const NearbyLevel& level,
-                    const Parameters& parameters, RegionMap& map) {
-  const double flat = parameters.flat_bending_per_m;
-  for (const auto& e : s.topology->border_edges()) {
-    const std::uint32_t f = e.triangle;
-    const Vec3f along = x[e.end] - x[e.start];
-    const float length = along.norm();
-    const float cosine = length > 0 ? along.dot(map.ruling[f]) / length : 1.0f, c = cosine * cosine;
-    float bending = std::max(level.up[f], level.down[f]) * (1 - c);
-    if (std::fabs(map.curvature_per_m[f]) > static_cast<float>(flat)) bending += std::fabs(map.least_curvature_per_m[f]) * c;
-    map.border_curvature_per_m.push_back(bending);
-    map.free_border.push_back(static_cast<float>(std::clamp((static_cast<double>(bending) / flat - 0.75) / 0.5, 0.0, 1.0)));
-  }
-}
-
-struct Bending {
-  RegionMap map;
-  HingeGeometry hinges;
-  NearbyLevel level;
-};
-
-/// Everything but the labels.
-Bending find_bending(const RegionStencils& s, std::span<const Vec3f> x, const Parameters& parameters) {
-  Bending out;
-  sheet::FaceGeometry faces;
-  sheet::face_geometry(*s.topology, x, faces);
-  RegionMap& map = out.map;
-  map.normals = std::move(faces.normals);
-  map.areas_m2 = std::move(faces.areas_m2);
-  out.hinges = measure_hinges(s, x, map.areas_m2);
-  const std::size_t count = map.areas_m2.size();
-  map.ridge.assign(count, 0);
-  map.bend_rad.assign(count, 0.0f);
-  std::vector<std::uint8_t> skirt = map.ridge;
-  if (ridges_possible(s, out.hinges, parameters.ridge_angle_rad)) {
-    map.bend_rad = bending_over_ridge_width(s, out.hinges, map.normals);
-    for (std::size_t f = 0; f < count; ++f) map.ridge[f] = map.bend_rad[f] > parameters.ridge_angle_rad ? kRidge : 0;
-    for (int layer = 0; layer < kRidgeLayers; ++layer) {
-      map.ridge = grown(*s.topology, map.ridge, map.bend_rad, parameters.ridge_low_rad);
-    }
-    skirt = grown(*s.topology, map.ridge, map.bend_rad, parameters.ridge_skirt_rad);
-  }
-  fit_bending(s, out.hinges, skirt, map);
-  map.ruling.resize(count);
-  for (std::size_t f = 0; f < count; ++f) map.ruling[f] = to_space(s, x, f, map.ruling_rad[f]);
-  out.level = nearby_level(s, map);
-  measure_border(s, x, out.level, parameters, map);
-  return out;
-}
-
-}  // namespace
-
-RegionMap segment(const RegionStencils& s, std::span<const Vec3f> x, double time_s, const Parameters& parameters,
-                  RegionState* state) {
-  assert(x.size() == s.topology->vertex_count());
-  Bending found = find_bending(s, x, parameters);
-  RegionMap& map = found.map;
-  const std::size_t count = map.areas_m2.size();
-  const double flat = parameters.flat_bending_per_m;
+void segment(const RegionStencils& s, const RegionFrame& frame, double time_s, const Parameters& parameters,
+             RegionState* state, RegionScratch& scratch, RegionMap& map) {
+  const std::span<const Vec3f> x = frame.positions_m;
+  find_bending(s, frame, parameters, scratch, map);
+  const std::size_t count = map.ridge.size();
   const bool known = state != nullptr && state->topology == s.topology && state->curved.size() == count &&
                      std::fabs(time_s - state->time_s) <= parameters.flat_memory_s;
-  // Between flat and curved the border lies where half the curvature of the curved side is reached; between the two signs of
-  // an S it lies at zero, and there is no flat strip.
-  std::vector<std::int8_t> sign(count);
-  std::vector<bool> curved(count);
+  std::vector<std::uint8_t>& curved = scratch.curved;
+  find_signs(s, known ? state : nullptr, parameters, map, curved, scratch);
+  label_faces(s, scratch, map);
+  flood_ridges(s, scratch, map);
+  merge_slivers(s, x, parameters, scratch, map);
+  scratch.curved_area_m2.assign(map.region_count, 0.0);
   for (std::size_t f = 0; f < count; ++f) {
-    const double k = map.curvature_per_m[f], size = std::fabs(k), up = found.level.up[f], down = found.level.down[f];
-    const double threshold = !known ? flat : state->curved[f] ? parameters.flat_enter_per_m : parameters.flat_leave_per_m;
-    curved[f] = size >= threshold;
-    const bool inflection = up > flat && down > flat;
-    const bool bent = inflection || (curved[f] && size >= 0.5 * std::max(up, down));
-    sign[f] = !bent ? 0 : k > 0 ? 1 : k < 0 ? -1 : 0;
+    if (curved[f]) scratch.curved_area_m2[map.region[f]] += static_cast<double>(map.faces.areas_m2[f]);
   }
-  sheet::DisjointSets sets(count);
-  for (const auto& e : s.topology->interior_edges()) {
-    if (map.ridge[e.left] || map.ridge[e.right] || sign[e.left] != sign[e.right]) continue;
-    if (sign[e.left] != 0) {
-      double turn = std::fmod(static_cast<double>(map.ruling_rad[e.left]) - map.ruling_rad[e.right] + 2.5 * std::numbers::pi,
-                              std::numbers::pi);
-      turn = std::fabs(turn - std::numbers::pi / 2);
-      const double distance = (s.centres.at_m[e.left] - s.centres.at_m[e.right]).norm();
-      if (turn > parameters.ruling_agree_rad * std::max(1.0, distance / parameters.ruling_agree_m)) continue;
-    }
-    sets.join(e.left, e.right);
+  map.region_curved.resize(map.region_count);
+  for (std::size_t r = 0; r < map.region_count; ++r) {
+    map.region_curved[r] = scratch.curved_area_m2[r] > 0.5 * map.region_area_m2[r];
   }
-  map.region = labels_of(sets, count);
-  flood_ridges(*s.topology, map, map.region);
-  merge_slivers(s, x, map, found.hinges, parameters, map.region);
-  map.region_count = compact(map.region);
-  std::vector<double> area(map.region_count, 0.0), curved_area(map.region_count, 0.0);
-  for (std::size_t f = 0; f < count; ++f) {
-    area[map.region[f]] += map.areas_m2[f];
-    if (curved[f]) curved_area[map.region[f]] += map.areas_m2[f];
+  shift_border_ends(s, x, scratch, map);
+  if (state != nullptr) {
+    state->topology = s.topology;
+    state->time_s = time_s;
+    state->curved.swap(curved);
   }
-  for (std::size_t r = 0; r < map.region_count; ++r) map.region_curved.push_back(curved_area[r] > 0.5 * area[r]);
-  if (state != nullptr) *state = {s.topology, time_s, std::move(curved)};
-  return std::move(map);
 }
 
-RegionMap adopt_partition(const sheet::SentPartition& partition, const RegionStencils& s, std::span<const Vec3f> x,
-                          const Parameters& parameters) {
-  RegionMap map = find_bending(s, x, parameters).map;
-  const std::size_t count = map.areas_m2.size();
+void adopt_partition(const sheet::SentPartition& partition, const RegionStencils& s, const RegionFrame& frame,
+                     const Parameters& parameters, RegionScratch& scratch, RegionMap& map) {
+  find_bending(s, frame, parameters, scratch, map);
+  const std::size_t count = map.ridge.size();
   assert(partition.triangle_regions.size() == count);
   const auto sent = [&](std::size_t f) {
     const std::uint32_t r = partition.triangle_regions[f];
     return r < partition.region_curved.size() ? r : kNone;
   };
-  sheet::DisjointSets loose(count);
+  scratch.sets.reset(count);
   for (const auto& e : s.topology->interior_edges()) {
-    if (sent(e.left) == kNone && sent(e.right) == kNone) loose.join(e.left, e.right);
+    if (sent(e.left) == kNone && sent(e.right) == kNone) scratch.sets.join(e.left, e.right);
   }
   const auto regions = static_cast<std::uint32_t>(partition.region_curved.size());
   map.region.resize(count);
@@ -402,13 +566,15 @@ RegionMap adopt_partition(const sheet::SentPartition& partition, const RegionSte
   for (std::uint32_t f = 0; f < count; ++f) {
     map.region[f] = sent(f);
     if (map.region[f] == kNone) {
-      map.region[f] = extra.try_emplace(loose.find(f), regions + static_cast<std::uint32_t>(extra.size())).first->second;
+      map.region[f] =
+          extra.try_emplace(scratch.sets.find(f), regions + static_cast<std::uint32_t>(extra.size())).first->second;
     }
   }
   map.region_count = regions + static_cast<std::uint32_t>(extra.size());
+  map.border_shifts.clear();
   map.region_curved = partition.region_curved;
   map.region_curved.resize(map.region_count, false);
-  return map;
+  measure_regions(s, frame.positions_m, map);
 }
 
 }  // namespace rustle::analysis

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -7,6 +8,7 @@
 
 #include "server/analysis/parameters.h"
 #include "server/analysis/stencil.h"
+#include "server/sheet/disjoint_sets.h"
 #include "server/sheet/mesh_frame.h"
 
 /// The partition of a sheet into regions that vibrate as one: flat parts and bent parts with one family of rulings, between
@@ -18,17 +20,27 @@ struct RegionStencils {
   std::shared_ptr<const sheet::Topology> topology;
   sheet::RestPlane plane;
   HingeBasis basis;
-  PlanePoints centres;                                        ///< [T] of the triangles, in the rest plane
-  std::vector<double> edge_length_m;                          ///< [T] mean side
-  std::vector<double> ridge_width_m;                          ///< [T] over which bending is summed
-  Stencil tensor;                                             ///< hinges to triangles, for the bending tensor
-  std::vector<Eigen::Matrix3f> inverse;                       ///< [T] of the tensor fit's normal matrix
-  std::vector<Eigen::Matrix3d> normal_matrix;                 ///< [T]
-  std::vector<std::uint32_t> tensor_user_start, tensor_user;  ///< of each hinge, the triangles whose rows hold it,
-  std::vector<float> tensor_user_weight;                      ///< and the weights there
-  Stencil ridge;                                              ///< hinges to triangles within the ridge width
-  Stencil near;         ///< triangles to triangles, to look up the level beside a border
-  bool graded = false;  ///< edge lengths vary strongly over a mesh of few triangles
+  std::vector<sheet::Vec2d> centres_m;  ///< [T] of the triangles, in the rest plane
+  std::vector<double> edge_length_m;    ///< [T] mean side
+  bool graded = false;                  ///< edge lengths vary strongly over a mesh of few triangles
+
+  MomentNodes nodes;
+  Stencil tensor;                        ///< nodes to vertices, for the bending tensor
+  std::vector<Eigen::Matrix3f> inverse;  ///< [V] of the tensor fit's normal matrix
+  Stencil near;                          ///< vertices to vertices, to look up the level beside a border
+
+  Stencil ridge;                        ///< hinges to triangles within the ridge width
+  std::vector<Moment> hinge_response;   ///< [E] of θ to the tensors of both ends in a smooth bend
+  std::vector<Moment> ridge_factor;     ///< [E] |e| n nᵀ (xx, xy, yy) of the direction n across the edge
+  std::vector<float> ridge_width_m;     ///< [T]
+  std::vector<float> ridge_scale;       ///< [T] one over the hinge areas of a row
+  std::vector<float> node_ridge_share;  ///< [N] widest ridge width over the hinge areas of a node
+
+  std::vector<float> agree_cosine;         ///< [interior edges] cos 2Δ of rulings that still agree across it
+  std::vector<sheet::Vec2f> border_twice;  ///< [border edges] (cos 2ψ, sin 2ψ) of their directions in the rest plane
+  std::vector<std::array<std::uint32_t, 2>> border_neighbours;  ///< border edges of which one ends where the other starts
+  std::vector<std::uint32_t> triangle_start, triangles_around;  ///< triangles of each vertex
+  std::vector<std::uint32_t> beyond;  ///< [3 T] of each side its other self, 3 · triangle + side; kNone at the border
 };
 [[nodiscard]] RegionStencils region_stencils(std::shared_ptr<const sheet::Topology> topology, sheet::RestPlane plane,
                                              const Parameters& parameters);
@@ -40,33 +52,83 @@ struct RegionMap {
   std::uint32_t region_count = 0;
   std::vector<std::uint32_t> region;          ///< [T] label, < region_count
   std::vector<bool> region_curved;            ///< [R]
+  std::vector<double> region_area_m2;         ///< [R]
+  std::vector<double> region_perimeter_m;     ///< [R]
   std::vector<std::uint8_t> ridge;            ///< [T] kRidge or 0: a sharp fold runs through
   std::vector<float> bend_rad;                ///< [T] bending over the ridge width; 0 everywhere when no ridge is possible
   std::vector<float> curvature_per_m;         ///< [T] principal curvature of largest size, κ
   std::vector<float> least_curvature_per_m;   ///< [T] the other one
-  std::vector<float> ruling_rad;              ///< [T] direction of least bending in the rest plane
-  std::vector<sheet::Vec3f> ruling;           ///< [T] and in space, unit length
+  std::vector<sheet::Vec2f> ruling_twice;     ///< [T] (cos 2φ, sin 2φ), φ the rest-plane direction of least bending
   std::vector<float> border_curvature_per_m;  ///< [border edges] across the border, free of the kernel's blur
   std::vector<float> free_border;             ///< [border edges] 0: flat, 1: curved; not counting what holds it
-  std::vector<sheet::Vec3f> normals;          ///< [T]
-  std::vector<float> areas_m2;                ///< [T]
+  /// Regions follow triangle edges; along the border they end in between: so much of an edge of `from` is `to`'s.
+  struct BorderShift {
+    std::uint32_t from, to;
+    float length_m;
+    std::uint32_t edge;
+  };
+  std::vector<BorderShift> border_shifts;
+  sheet::FaceGeometry faces;  ///< [T]
 };
+
+/// Direction of a triangle's rulings in the rest plane, unit length.
+[[nodiscard]] sheet::Vec2d ruling_direction(const RegionMap& map, std::size_t triangle);
+/// And in space. \pre positions_m: those that the map was made of
+[[nodiscard]] sheet::Vec3f ruling_in_space(const RegionStencils& stencils, const RegionMap& map,
+                                           std::span<const sheet::Vec3f> positions_m, std::size_t triangle);
 
 /// Flat or curved, as the triangles were last time; shared hysteresis of the frames of one topology.
 struct RegionState {
   std::shared_ptr<const sheet::Topology> topology;
   double time_s = 0;
-  std::vector<bool> curved;  ///< [T]
+  std::vector<std::uint8_t> curved;  ///< [T]
 };
 
-/// Finds the partition. `state` may be null: no hysteresis.
-/// \pre positions_m near the origin; positions_m.size() == vertices of stencils.topology
-[[nodiscard]] RegionMap segment(const RegionStencils& stencils, std::span<const sheet::Vec3f> positions_m, double time_s,
-                                const Parameters& parameters, RegionState* state);
+/// One frame of the mesh of the partition.
+struct RegionFrame {
+  std::span<const sheet::Vec3f> positions_m;  ///< [V] near the origin
+  std::span<const float> angles_rad;          ///< [E] dihedral, if they are known already; else empty
+};
+
+/// Kept between frames, so that a warm one allocates nothing. Holds no history.
+struct RegionScratch {
+  std::vector<float> angles_rad;  ///< [E], without those inside folds
+  std::vector<Moment> moments;    ///< [N]
+  std::vector<Moment> tensor;     ///< [V] M: xx, xy, yy
+  std::vector<Moment> ridge_moments;
+  std::vector<std::uint8_t> skirt, grown, hidden, changed;
+  std::vector<Eigen::Matrix3d> removed;
+  struct Level {
+    float up = -1, down = 0;  ///< up < 0: not known yet
+  };
+  std::vector<float> vertex_curvature_per_m;
+  Level most_per_m;                  ///< of all vertices
+  std::vector<Level> level_per_m;    ///< [V] largest bending of each sign nearby
+  std::vector<std::int8_t> sign;     ///< [T]
+  std::vector<std::uint8_t> curved;  ///< [T]
+  std::vector<double> curved_area_m2;
+  std::vector<std::uint32_t> ridges, numbers;
+  sheet::DisjointSets sets{0};
+  struct Beside {
+    std::uint32_t region;
+    double tie_m, length_m;
+  };
+  struct Part {
+    double area_m2, perimeter_m, coarse_m3, width_m;
+    bool alive, sliver;
+    std::vector<Beside> beside;
+  };
+  std::vector<Part> parts;
+};
+
+/// Finds the partition. `state` may be null: no hysteresis. O(triangles · kernel), plus the slivers' joining.
+/// \pre scratch and out may be of any frame and topology before
+void segment(const RegionStencils& stencils, const RegionFrame& frame, double time_s, const Parameters& parameters,
+             RegionState* state, RegionScratch& scratch, RegionMap& out);
 
 /// The simulator's own partition, completed by our rulings and border curvature. Triangles in no region get one of their own
 /// kind: connected, flat. \pre partition.triangle_regions has an entry per triangle
-[[nodiscard]] RegionMap adopt_partition(const sheet::SentPartition& partition, const RegionStencils& stencils,
-                                        std::span<const sheet::Vec3f> positions_m, const Parameters& parameters);
+void adopt_partition(const sheet::SentPartition& partition, const RegionStencils& stencils, const RegionFrame& frame,
+                     const Parameters& parameters, RegionScratch& scratch, RegionMap& out);
 
 }  // namespace rustle::analysis

@@ -1,7 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
-#include <optional>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -14,42 +15,90 @@ namespace rustle::analysis {
 
 /// What holds the sheet's vertices, on the mesh of the partition.
 struct Holds {
-  std::vector<bool> anchored;  ///< [V]
-  std::vector<bool> touching;  ///< [V] in contact with anything
+  std::vector<std::uint8_t> anchored;  ///< [V]
+  std::vector<std::uint8_t> touching;  ///< [V] in contact with anything
 };
 
-/// One frame's partition with what measuring it needs. Regions are measured when first asked for.
+/// One frame's partition with what measuring it needs.
+struct Partition {
+  const RegionStencils& stencils;
+  const RegionMap& map;
+  std::span<const sheet::Vec3f> positions_m;  ///< [V] relative to the origin
+  sheet::Vec3d origin_m;
+  const Holds& holds;
+  const sheet::SentPartition* sent =
+      nullptr;  ///< the simulator's own, whose rulings give the lengths; null: rulings are traced
+};
+
+/// Finds and measures the regions of one partition after another. Regions are measured when first asked for. Allocates
+/// nothing of its own once warm.
 class ResonatorFinder {
  public:
-  /// `partition`: the simulator's own, whose rulings give the lengths; null: rulings are traced. All arguments outlive this.
-  ResonatorFinder(const RegionStencils& stencils, const RegionMap& map, std::span<const sheet::Vec3f> positions_m,
-                  const sheet::Vec3d& origin_m, const Holds& holds, const Parameters& parameters,
-                  const sheet::SentPartition* partition);
+  explicit ResonatorFinder(const Parameters& parameters) : parameters_(parameters) {}
 
   enum class StopAt { kRidgesAndHolds, kRidgesAndAnchors };
+
+  /// Turns to a partition. What it refers to outlives the questions asked about it. `same_map`: only positions and holds
+  /// are others than last time; then the ruling lengths stay.
+  void turn_to(const Partition& partition, bool same_map = false);
 
   /// Resonators of the regions reached from these triangles through shared edges that are no ridge (both triangles ridge)
   /// and hold no stamped vertex. In order of region. Empty only for no triangles.
   [[nodiscard]] std::vector<observation::Resonator> reached_from(std::span<const std::uint32_t> triangles, StopAt stop);
 
   /// One region's resonator. Lengths in space: l_r the mean straight ruling through points of the region, a fixed sample
-  /// stratified by area; l_c the border edges, weighted by how curved they are, that nothing holds.
+  /// stratified by area; l_c the border edges, weighted by how curved they are, that nothing holds. O(region).
   [[nodiscard]] const observation::Resonator& region(std::uint32_t label);
 
  private:
-  observation::Resonator measure(std::uint32_t label) const;
-  double ruling_length_m(std::uint32_t label) const;
-  double traced_m(std::uint32_t triangle, const sheet::Vec2d& from, double angle_rad, double gap_m) const;
+  struct Reach {
+    bool known = false;
+    sheet::DisjointSets sets{0};
+  };
+  std::span<const std::uint32_t> triangles_of(std::uint32_t label) const;
+  void index_regions();
+  void join_reachable(StopAt stop, sheet::DisjointSets& sets) const;
+  observation::Resonator measure(std::uint32_t label);
+  double ruling_length_m(std::uint32_t label);
+  /// A ruling followed one way from where it was sampled, from triangle to triangle.
+  struct Trace {
+    std::uint32_t side = 0;             ///< 3 · triangle + side: by which it leaves
+    std::uint32_t ends[2] = {};         ///< of that side,
+    double off_m[2] = {};               ///< and how far each lies to the left of the line
+    sheet::Vec2d from, direction;       ///< of the line in the rest plane
+    sheet::Vec3f place;                 ///< where it leaves, in space
+    double length_m = 0, inside_m = 0;  ///< so far; to where it was last inside the region
+    double gap_m = 0;
+    double weight = 1;  ///< in the mean
+  };
+  void start_traces(std::uint32_t triangle, const sheet::Vec2d& from, const sheet::Vec2d& direction, double weight);
+  bool advance(Trace& trace, std::uint32_t label) const;
+  sheet::Vec3f crossing(const Trace& trace) const;
 
-  const RegionStencils& stencils_;
-  const RegionMap& map_;
+  Parameters parameters_;
+  const RegionStencils* stencils_ = nullptr;
+  const RegionMap* map_ = nullptr;
   std::span<const sheet::Vec3f> positions_m_;
-  sheet::Vec3d origin_m_;
-  const Holds& holds_;
-  const Parameters& parameters_;
-  const sheet::SentPartition* partition_;
+  sheet::Vec3d origin_m_ = sheet::Vec3d::Zero();
+  const Holds* holds_ = nullptr;
+  const sheet::SentPartition* sent_ = nullptr;
+
+  bool indexed_ = false;
   std::vector<std::uint32_t> region_start_, region_triangles_;  ///< triangles by region
-  std::vector<std::optional<observation::Resonator>> measured_;
+  std::array<Reach, 2> reach_;
+  std::vector<observation::Resonator> measured_;  ///< [R]
+  std::vector<double> rulings_m_;                 ///< [R] l_r, < 0: not known yet
+  std::vector<std::uint8_t> is_measured_, sounding_;
+  std::vector<std::uint32_t> next_;
+  struct Strip {  ///< triangles of a region by their place across its rulings
+    double area_m2 = 0;
+    double low_m = std::numeric_limits<double>::infinity(), high_m = -low_m;  ///< along the rulings
+    std::uint32_t first = 0, count = 0;
+  };
+  std::vector<Strip> strips_;
+  std::vector<std::uint32_t> strip_of_, by_strip_;
+  std::vector<Trace> traces_;
+  std::vector<std::uint32_t> under_way_;
 };
 
 }  // namespace rustle::analysis

@@ -28,10 +28,6 @@ Resonator constrained_at(const Vec3d& position_m, double area_m2) {
   return out;
 }
 
-std::vector<bool> anchored_vertices(const sheet::MeshFrame& frame) {
-  return frame.anchored.empty() ? std::vector<bool>(frame.positions_m.size(), false) : frame.anchored;
-}
-
 bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology) {
   return partition.triangle_regions.size() == topology.triangle_count() && topology.triangle_count() > 0;
 }
@@ -60,7 +56,8 @@ std::vector<Vec3f> carried(const sheet::Transfer& transfer, const std::vector<Ve
 
 }  // namespace
 
-SheetAnalyzer::SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters) : sheet_(sheet), parameters_(parameters) {}
+SheetAnalyzer::SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters)
+    : sheet_(sheet), parameters_(parameters), finder_(parameters), bent_finder_(parameters) {}
 
 Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings,
                                    std::uint64_t& next_event_id) {
@@ -74,11 +71,11 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
   const std::optional<Arrival> arrival = follow_topology(frame);
   const CurvatureStencils& curvature = *state_.curvature;
   const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
-  sheet::relative_positions_m(frame.positions_m, origin_m, state_.relative_m);
-  state_.angles_rad.resize(curvature.hinges.size());
-  sheet::dihedral_angles_rad(curvature.hinges, state_.relative_m, state_.angles_rad);
+  sheet::relative_positions_m(frame.positions_m, origin_m, scratch_.relative_m);
+  scratch_.angles_rad.resize(curvature.hinges.size());
+  sheet::dihedral_angles_rad(curvature.hinges, scratch_.relative_m, scratch_.angles_rad);
   const CrumplingInputs inputs{curvature,
-                               state_.angles_rad,
+                               scratch_.angles_rad,
                                frame.positions_m,
                                frame.velocities_m_per_s,
                                state_.last_positions_m,
@@ -105,6 +102,7 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
 void SheetAnalyzer::forget() {
   state_.crumpling.primed = false;
   state_.region_history = {};
+  state_.partition_moments.clear();
   state_.last.reset();
   state_.last_positions_m.clear();
   state_.earlier_positions_m.clear();
@@ -150,6 +148,7 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
   state_.regions.reset();
   state_.sent_regions.reset();
   state_.region_history = {};
+  state_.partition_moments.clear();
   state_.bent.clear();
   state_.earlier_positions_m.clear();
   if (!transfer) {
@@ -157,10 +156,24 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
     state_.last_positions_m.clear();
     return has_history ? std::optional<Arrival>(std::move(arrival)) : std::nullopt;
   }
-  carry(*transfer, state_.crumpling);
+  carry(*transfer, parameters_, state_.crumpling);
   state_.last_positions_m = carried(*transfer, state_.last_positions_m);
   arrival.remade = std::move(transfer->remade);
   return arrival;
+}
+
+/// Whether the last partition is still that of the sheet as it is now bent.
+bool SheetAnalyzer::partition_serves(double time_s) const {
+  const auto &then = state_.partition_moments, &now = state_.crumpling.now.moments;
+  if (then.size() != now.size() || time_s - state_.partition_s > parameters_.partition_age_s) return false;
+  const auto least = static_cast<float>(parameters_.partition_change_per_m),
+             share = static_cast<float>(parameters_.partition_change_relative);
+  const auto& areas_m2 = state_.curvature->nodes.area_m2;
+  for (std::size_t n = 0; n < now.size(); ++n) {
+    const float most = least * static_cast<float>(areas_m2[n]) + share * then[n][3];
+    if ((now[n] - then[n]).abs().maxCoeff() > most) return false;
+  }
+  return true;
 }
 
 void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& origin_m, Observation& observation) {
@@ -168,47 +181,61 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
       frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
   std::optional<RegionMesh>& mesh = sent != nullptr ? state_.sent_regions : state_.regions;
   if (!mesh) mesh = region_mesh(state_.curvature->topology, state_.curvature->plane, parameters_, sent == nullptr);
-  const std::vector<Vec3f> positions_m = mesh->positions_m(state_.relative_m);
-  const RegionMap map = sent != nullptr
-                            ? adopt_partition(*sent, mesh->stencils, positions_m, parameters_)
-                            : segment(mesh->stencils, positions_m, frame.time_s, parameters_, &state_.region_history);
-  std::vector<bool> touching(frame.positions_m.size(), false);
-  for (const auto& contact : observation.friction) {
-    for (const auto& vertex : contact.vertices) touching[vertex.vertex] = true;
+  const RegionStencils& stencils = mesh->stencils;
+  Scratch& scratch = scratch_;
+  mesh->gather_positions_m(scratch.relative_m, scratch.positions_m);
+  const RegionFrame here{scratch.positions_m, mesh->proxy ? std::span<const float>() : scratch.angles_rad};
+  const bool same_map = sent == nullptr && partition_serves(frame.time_s);
+  if (same_map) {
+    sheet::face_geometry(*stencils.topology, scratch.positions_m, scratch.map.faces);
+  } else if (sent != nullptr) {
+    adopt_partition(*sent, stencils, here, parameters_, scratch.regions, scratch.map);
+    state_.partition_moments.clear();
+  } else {
+    state_.partition_moments = state_.crumpling.now.moments;
+    state_.partition_s = frame.time_s;
+    segment(stencils, here, frame.time_s, parameters_, &state_.region_history, scratch.regions, scratch.map);
   }
-  const Holds holds{mesh->gathered(anchored_vertices(frame)), mesh->sampled(touching)};
-  ResonatorFinder finder(mesh->stencils, map, positions_m, origin_m, holds, parameters_, sent);
+  mesh->gather_marks(frame.anchored, scratch.holds.anchored);
+  scratch.holds.touching.assign(stencils.topology->vertex_count(), 0);
+  scratch.marks.assign(stencils.topology->vertex_count(), 0);
+  const auto vertices_of = [&](const observation::FrictionContact& contact) {
+    scratch.vertices.clear();
+    for (const auto& vertex : contact.vertices) scratch.vertices.push_back(vertex.vertex);
+    return std::span<const std::uint32_t>(scratch.vertices);
+  };
+  for (const auto& contact : observation.friction) mesh->mark(vertices_of(contact), scratch.holds.touching);
+  finder_.turn_to({stencils, scratch.map, scratch.positions_m, origin_m, scratch.holds, sent}, same_map);
 
   // What flips passes through flat; it sounds as what it was when it was bent most.
-  std::vector<Vec3f> bent_positions_m;
-  RegionMap bent_map;
-  std::optional<ResonatorFinder> bent_finder;
+  bool has_bent = false;
   const auto is_flat = [](const Resonator& resonator) { return resonator.constrained && resonator.ruling_length_m == 0; };
   for (auto& event : observation.crumpling) {
-    event.resonators = finder.reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
+    mesh->gather_triangles(event.vertices, scratch.marks, scratch.triangles);
+    event.resonators = finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndHolds);
     if (sent == nullptr && !state_.bent.empty() && std::all_of(event.resonators.begin(), event.resonators.end(), is_flat)) {
-      if (!bent_finder) {
-        bent_positions_m = mesh->positions_m(state_.bent.front().relative_m);
-        bent_map = segment(mesh->stencils, bent_positions_m, frame.time_s, parameters_, nullptr);
-        bent_finder.emplace(mesh->stencils, bent_map, bent_positions_m, origin_m, holds, parameters_, nullptr);
+      if (!has_bent) {
+        has_bent = true;
+        mesh->gather_positions_m(state_.bent.front().relative_m, scratch.bent_positions_m);
+        segment(stencils, {scratch.bent_positions_m, {}}, frame.time_s, parameters_, nullptr, scratch.regions,
+                scratch.bent_map);
+        bent_finder_.turn_to({stencils, scratch.bent_map, scratch.bent_positions_m, origin_m, scratch.holds, nullptr});
       }
-      event.resonators =
-          bent_finder->reached_from(mesh->triangles_of(event.vertices), ResonatorFinder::StopAt::kRidgesAndHolds);
+      event.resonators = bent_finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndHolds);
     }
     if (event.resonators.empty()) event.resonators.push_back(constrained_at(event.position_m, event.area_m2));
   }
-  std::vector<std::uint32_t> vertices;
   for (auto& contact : observation.friction) {
     if (contact.speed_m_per_s <= parameters_.sliding_m_per_s) continue;
-    vertices.clear();
-    for (const auto& vertex : contact.vertices) vertices.push_back(vertex.vertex);
-    contact.resonators = finder.reached_from(mesh->triangles_of(vertices), ResonatorFinder::StopAt::kRidgesAndAnchors);
+    mesh->gather_triangles(vertices_of(contact), scratch.marks, scratch.triangles);
+    contact.resonators = finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndAnchors);
     if (contact.resonators.empty()) contact.resonators.push_back(constrained_at(contact.position_m, contact.area_m2));
   }
   for (auto& tear : observation.tears) {
-    const std::uint32_t triangle = nearest_triangle(mesh->stencils, positions_m, (tear.position_m - origin_m).cast<float>());
+    const std::uint32_t triangle =
+        nearest_triangle(stencils, scratch.positions_m, (tear.position_m - origin_m).cast<float>());
     if (triangle != sheet::kNone) {
-      tear.resonators = finder.reached_from(std::span(&triangle, 1), ResonatorFinder::StopAt::kRidgesAndHolds);
+      tear.resonators = finder_.reached_from(std::span(&triangle, 1), ResonatorFinder::StopAt::kRidgesAndHolds);
     }
     if (tear.resonators.empty()) tear.resonators.push_back(constrained_at(tear.position_m, 0));
   }
@@ -229,7 +256,7 @@ void SheetAnalyzer::remember_bending(double time_s) {
     relative_m.swap(bent.back().relative_m);
     bent.pop_back();
   }
-  relative_m.assign(state_.relative_m.begin(), state_.relative_m.end());
+  relative_m.assign(scratch_.relative_m.begin(), scratch_.relative_m.end());
   bent.push_back({time_s, bending_per_m, std::move(relative_m)});
 }
 
@@ -262,22 +289,37 @@ void SheetAnalyzer::remember(const sheet::MeshFrame& frame) {
   state_.last = frame;
 }
 
-RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters) {
+RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters,
+                              std::span<const observation::FrictionContact> contacts) {
   RegionPicture out;
   const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
-  std::vector<Vec3f> relative_m;
+  std::vector<Vec3f> relative_m, positions_m;
   sheet::relative_positions_m(frame.positions_m, origin_m, relative_m);
   const sheet::SentPartition* sent =
       frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
   const RegionMesh mesh =
       region_mesh(frame.topology, sheet::rest_plane(*frame.topology, relative_m), parameters, sent == nullptr);
-  const std::vector<Vec3f> positions_m = mesh.positions_m(relative_m);
-  out.map = sent != nullptr ? adopt_partition(*sent, mesh.stencils, positions_m, parameters)
-                            : segment(mesh.stencils, positions_m, frame.time_s, parameters, nullptr);
+  mesh.gather_positions_m(relative_m, positions_m);
+  RegionScratch scratch;
+  if (sent != nullptr) {
+    adopt_partition(*sent, mesh.stencils, {positions_m, {}}, parameters, scratch, out.map);
+  } else {
+    segment(mesh.stencils, {positions_m, {}}, frame.time_s, parameters, nullptr, scratch, out.map);
+  }
   out.topology = mesh.stencils.topology;
-  out.positions_m = mesh.positions_m(frame.positions_m);
-  const Holds holds{mesh.gathered(anchored_vertices(frame)), std::vector<bool>(positions_m.size(), false)};
-  ResonatorFinder finder(mesh.stencils, out.map, positions_m, origin_m, holds, parameters, sent);
+  mesh.gather_positions_m(frame.positions_m, out.positions_m);
+  for (std::size_t f = 0; f < out.map.region.size(); ++f) {
+    out.rulings.push_back(ruling_in_space(mesh.stencils, out.map, positions_m, f));
+  }
+  mesh.gather_marks(frame.anchored, out.holds.anchored);
+  out.holds.touching.assign(positions_m.size(), 0);
+  std::vector<std::uint32_t> vertices;
+  for (const auto& contact : contacts) {
+    for (const auto& vertex : contact.vertices) vertices.push_back(vertex.vertex);
+  }
+  mesh.mark(vertices, out.holds.touching);
+  ResonatorFinder finder(parameters);
+  finder.turn_to({mesh.stencils, out.map, positions_m, origin_m, out.holds, sent});
   for (std::uint32_t r = 0; r < out.map.region_count; ++r) out.regions.push_back(finder.region(r));
   return out;
 }

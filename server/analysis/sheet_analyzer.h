@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "server/analysis/contacts.h"
@@ -13,6 +14,7 @@
 #include "server/analysis/parameters.h"
 #include "server/analysis/region_mesh.h"
 #include "server/analysis/regions.h"
+#include "server/analysis/resonators.h"
 #include "server/analysis/surroundings.h"
 #include "server/observation/observation.h"
 #include "server/sheet/mesh_frame.h"
@@ -57,14 +59,25 @@ class SheetAnalyzer {
     std::optional<RegionMesh> regions;       ///< made when first needed
     std::optional<RegionMesh> sent_regions;  ///< of the sheet's own triangles, for a sent partition
     RegionState region_history;
+    std::vector<Moment> partition_moments;  ///< of the frame that scratch_.map was made of; empty: it may not serve again
+    double partition_s = 0;                 ///< time of that frame
     std::optional<sheet::MeshFrame> last;
     std::vector<sheet::Vec3f> last_positions_m;     ///< of `last`, at the vertices of the present topology
     std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
     double earlier_s = 0;
     std::deque<BentShape> bent;  ///< of the flip memory, each more bent than those after it
     std::map<std::uint32_t, TearTip> tips;
-    std::vector<sheet::Vec3f> relative_m;  ///< scratch
-    std::vector<float> angles_rad;         ///< scratch
+  };
+  /// Kept so that a warm frame allocates nothing.
+  struct Scratch {
+    std::vector<sheet::Vec3f> relative_m;  ///< [V] of the frame
+    std::vector<float> angles_rad;         ///< [E]
+    RegionScratch regions;
+    std::vector<sheet::Vec3f> positions_m, bent_positions_m;  ///< on the region mesh
+    RegionMap map, bent_map;
+    Holds holds;
+    std::vector<std::uint8_t> marks;
+    std::vector<std::uint32_t> vertices, triangles;
   };
 
   void forget();
@@ -74,6 +87,7 @@ class SheetAnalyzer {
     bool silent = false;
   };
   std::optional<Arrival> follow_topology(const sheet::MeshFrame& frame);
+  bool partition_serves(double time_s) const;
   void find_resonators(const sheet::MeshFrame& frame, const sheet::Vec3d& origin_m, observation::Observation& observation);
   void remember_bending(double time_s);
   std::vector<observation::TearEvent> sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id);
@@ -82,7 +96,9 @@ class SheetAnalyzer {
   sheet::SheetId sheet_;
   Parameters parameters_;
   ContactTracker contacts_;
+  ResonatorFinder finder_, bent_finder_;
   State state_;
+  Scratch scratch_;
   TopologyChanges changes_;
 };
 
@@ -91,9 +107,12 @@ struct RegionPicture {
   std::shared_ptr<const sheet::Topology> topology;  ///< of the partition: the frame's, or a coarse proxy's
   std::vector<sheet::Vec3f> positions_m;            ///< of its vertices, in space
   RegionMap map;
-  std::vector<observation::Resonator> regions;  ///< [R] measured; anchors hold, contacts are not known
+  std::vector<sheet::Vec3f> rulings;            ///< [T] directions in space, unit length
+  Holds holds;                                  ///< by its vertices: anchors, and the contacts given
+  std::vector<observation::Resonator> regions;  ///< [R] measured, held by these
 };
-/// \pre as for analyze()
-[[nodiscard]] RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters);
+/// `contacts`: the frame's, as analyze() found them. \pre as for analyze()
+[[nodiscard]] RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters,
+                                            std::span<const observation::FrictionContact> contacts = {});
 
 }  // namespace rustle::analysis

@@ -2,7 +2,9 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <cassert>
 #include <cmath>
+#include <tuple>
 
 #include "server/sheet/point_grid.h"
 
@@ -11,11 +13,38 @@ namespace rustle::analysis {
 using sheet::Vec2d;
 
 namespace {
+
 constexpr double kSliverHeight = 0.01;    // of the edge's length
 constexpr double kRegularization = 1e-3;  // of the mean diagonal
+
+/// The node of every vertex, numbered in order of cells.
+std::vector<std::uint32_t> nodes_of_vertices(const sheet::RestPlane& plane, double cell_m) {
+  struct Place {
+    std::uint32_t component;
+    std::int64_t x, y;
+    std::uint32_t vertex;
+    auto cell() const { return std::tie(component, y, x); }
+  };
+  std::vector<Place> places(plane.coordinates_m.size());
+  for (std::uint32_t i = 0; i < places.size(); ++i) {
+    const Vec2d cell = plane.coordinates_m[i] / cell_m;
+    places[i] = {plane.component[i], std::llround(std::floor(cell.x())), std::llround(std::floor(cell.y())), i};
+  }
+  std::sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
+    return std::tie(a.component, a.y, a.x, a.vertex) < std::tie(b.component, b.y, b.x, b.vertex);
+  });
+  std::vector<std::uint32_t> node(places.size());
+  std::uint32_t next = 0;
+  for (std::size_t k = 0; k < places.size(); ++k) {
+    if (k > 0 && places[k].cell() != places[k - 1].cell()) ++next;
+    node[places[k].vertex] = next;
+  }
+  return node;
+}
+
 }  // namespace
 
-Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, const PlanePoints& sources, std::size_t most) {
+Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, const PlanePoints& sources) {
   Stencil out;
   const std::size_t rows = targets.at_m.size();
   out.start.assign(rows + 1, 0);
@@ -23,34 +52,19 @@ Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, cons
   double mean_radius = 0;
   for (double r : radii_m) mean_radius += r / static_cast<double>(rows);
   const sheet::PointGrid<2> grid(sources.at_m, mean_radius / 2);
-  struct Near {
-    double squared_distance;
-    std::uint32_t index;
-  };
-  std::vector<Near> near;
   for (std::size_t i = 0; i < rows; ++i) {
-    near.clear();
+    const double per_squared_radius = 1 / (radii_m[i] * radii_m[i]);
     grid.within(targets.at_m[i], radii_m[i], [&](std::uint32_t j, double d2) {
-      if (sources.component[j] == targets.component[i]) near.push_back({d2, j});
+      if (sources.component[j] != targets.component[i]) return;
+      const double w = std::max(1 - d2 * per_squared_radius, 1e-6);
+      out.entries.push_back({j, static_cast<float>(w * w)});
     });
-    if (near.empty()) {
+    if (out.entries.size() == out.start[i]) {
       const auto hit =
           grid.nearest(targets.at_m[i], [&](std::uint32_t j) { return sources.component[j] == targets.component[i]; });
-      if (hit.index != sheet::kNone) {
-        out.source.push_back(hit.index);
-        out.weight.push_back(1.0f);
-      }
-    } else if (near.size() > most) {
-      for (std::size_t k = 0; k < most; ++k) near[k] = near[(2 * k + 1) * near.size() / (2 * most)];
-      near.resize(most);
+      if (hit.index != sheet::kNone) out.entries.push_back({hit.index, 1.0f});
     }
-    std::sort(near.begin(), near.end(), [](const Near& a, const Near& b) { return a.index < b.index; });
-    for (const Near& n : near) {
-      const double w = std::max(1 - n.squared_distance / (radii_m[i] * radii_m[i]), 1e-6);
-      out.source.push_back(n.index);
-      out.weight.push_back(static_cast<float>(w * w));
-    }
-    out.start[i + 1] = static_cast<std::uint32_t>(out.source.size());
+    out.start[i + 1] = static_cast<std::uint32_t>(out.entries.size());
   }
   return out;
 }
@@ -58,7 +72,11 @@ Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, cons
 HingeBasis hinge_basis(const sheet::Topology& topology, const sheet::RestPlane& plane) {
   HingeBasis out;
   out.hinges = sheet::hinges(topology);
-  for (std::size_t k = 0; k < out.hinges.size(); ++k) {
+  const std::size_t count = out.hinges.size();
+  out.midpoints.at_m.reserve(count), out.midpoints.component.reserve(count), out.response.reserve(count);
+  out.crossing_m.reserve(count), out.weight_m2.reserve(count), out.length_m.reserve(count), out.area_m2.reserve(count);
+  out.along.reserve(count);
+  for (std::size_t k = 0; k < count; ++k) {
     const sheet::Hinge& h = out.hinges[k];
     const Vec2d &a = plane.coordinates_m[h[0]], &b = plane.coordinates_m[h[1]], &c = plane.coordinates_m[h[2]],
                 &d = plane.coordinates_m[h[3]];
@@ -79,7 +97,56 @@ HingeBasis hinge_basis(const sheet::Topology& topology, const sheet::RestPlane& 
     out.weight_m2.push_back(sound ? length * across * 2 / 3 : 0.0);
     out.length_m.push_back(length);
     out.area_m2.push_back(length * across / 3);
+    out.along.push_back(u);
   }
+  return out;
+}
+
+MomentNodes moment_nodes(const sheet::RestPlane& plane, const HingeBasis& basis, double cell_m) {
+  MomentNodes out;
+  out.of_vertex = nodes_of_vertices(plane, cell_m);
+  const std::vector<std::uint32_t>& node = out.of_vertex;
+  const std::uint32_t count = node.empty() ? 0 : *std::max_element(node.begin(), node.end()) + 1;
+  out.points.at_m.assign(count, Vec2d::Zero());
+  out.points.component.assign(count, 0);
+  std::vector<double> members(count, 0.0);
+  for (std::size_t i = 0; i < node.size(); ++i) {
+    out.points.at_m[node[i]] += plane.coordinates_m[i];
+    out.points.component[node[i]] = plane.component[i];
+    members[node[i]] += 1;
+  }
+  for (std::uint32_t n = 0; n < count; ++n) out.points.at_m[n] /= members[n];
+
+  out.normal_matrix.assign(count, Eigen::Matrix3d::Zero());
+  out.area_m2.assign(count, 0.0);
+  for (std::size_t k = 0; k < basis.hinges.size(); ++k) {
+    const Eigen::Vector3d& response = basis.response[k];
+    const Eigen::Vector3d told = basis.weight_m2[k] / (2 * basis.crossing_m[k]) * response;
+    out.factor.push_back(Eigen::Array4d(told[0], told[1], told[2], basis.length_m[k] / 2).cast<float>());
+    out.hinge_normal.push_back(basis.weight_m2[k] / 2 * response * response.transpose());
+    out.ends.push_back({node[basis.hinges[k][0]], node[basis.hinges[k][1]]});
+    for (const std::uint32_t n : out.ends.back()) {
+      out.normal_matrix[n] += out.hinge_normal.back();
+      out.area_m2[n] += basis.area_m2[k] / 2;
+    }
+  }
+  return out;
+}
+
+void gather_moments(const MomentNodes& nodes, std::span<const float> angles_rad, std::vector<Moment>& out) {
+  assert(angles_rad.size() == nodes.factor.size());
+  out.assign(nodes.points.at_m.size(), Moment::Zero());
+  for (std::size_t k = 0; k < angles_rad.size(); ++k) {
+    const float angle = angles_rad[k];
+    const Moment told = nodes.factor[k] * Moment(angle, angle, angle, std::fabs(angle));
+    out[nodes.ends[k][0]] += told;
+    out[nodes.ends[k][1]] += told;
+  }
+}
+
+Eigen::Matrix3d normal_matrix_of(std::span<const Stencil::Entry> row, const std::vector<Eigen::Matrix3d>& normal_matrices) {
+  Eigen::Matrix3d out = Eigen::Matrix3d::Zero();
+  for (const auto& [node, weight] : row) out += static_cast<double>(weight) * normal_matrices[node];
   return out;
 }
 

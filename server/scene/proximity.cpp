@@ -174,6 +174,13 @@ bool ObstacleSurface::may_meet(const Box& box_m) const {
   return own.intersects(Box(Vec3d(-half), half));
 }
 
+Box ObstacleSurface::own_bounds_m() const {
+  if (is_mesh()) return tree_.bounds();
+  const Vec3d half = half_extents(description_->shape);
+  if (is_plane()) return {Vec3d(-half), Vec3d(half.x(), half.y(), 0)};
+  return {Vec3d(-half), half};
+}
+
 Vec3d ObstacleSurface::velocity_m_per_s(const SurfacePoint& point) const {
   Vec3d velocity = motion_.at(point.position_m);
   if (!velocities_m_per_s_.empty() && point.triangle != sheet::kNone) {

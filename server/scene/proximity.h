@@ -35,6 +35,13 @@ class ObstacleSurface {
   /// Whether anything can lie in a box (world coordinates), conservatively: false means surely nothing.
   bool may_meet(const Box& box_m) const;
 
+  /// Around the obstacle in its own frame, infinite where it is.
+  Box own_bounds_m() const;
+
+  const Pose& pose() const { return pose_; }
+  const Eigen::Matrix3d& rotation() const { return rotation_; }  ///< from the obstacle's own frame to the world
+  const RigidMotion& motion() const { return motion_; }          ///< of that frame
+
   /// Of the surface there, m/s.
   Vec3d velocity_m_per_s(const SurfacePoint& point) const;
 

@@ -132,19 +132,26 @@ RigidMotion ObstacleTrack::motion(double time_s, double over_s) const {
 void ObstacleTrack::vertex_velocities_m_per_s(double time_s, double over_s, std::vector<Vec3f>& out) const {
   out.clear();
   if (!deforms()) return;
-  double span_s = over_s;
-  std::vector<Vec3f> before;
   if (over_s > 0) {
     vertices_m(time_s, out);
-    vertices_m(time_s - over_s, before);
-  } else {
-    const Between at = locate(vertices_, time_s);
-    out = *vertices_[at.second].vertices_m;
-    before = *vertices_[at.first].vertices_m;
-    span_s = at.first == at.second ? 1.0 : vertices_[at.second].time_s - vertices_[at.first].time_s;
+    const Between at = locate(vertices_, time_s - over_s);
+    const std::vector<Vec3f>& a = *vertices_[at.first].vertices_m;
+    const std::vector<Vec3f>& b = *vertices_[at.second].vertices_m;
+    const float share = at.first == at.second ? 1.0f : static_cast<float>(at.share);
+    const float rate = static_cast<float>(1.0 / over_s);
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      const Vec3f before = share == 1.0f ? b[i] : Vec3f(a[i] + share * (b[i] - a[i]));
+      out[i] = (out[i] - before) * rate;
+    }
+    return;
   }
+  const Between at = locate(vertices_, time_s);
+  const std::vector<Vec3f>& a = *vertices_[at.first].vertices_m;
+  const std::vector<Vec3f>& b = *vertices_[at.second].vertices_m;
+  const double span_s = at.first == at.second ? 1.0 : vertices_[at.second].time_s - vertices_[at.first].time_s;
   const float rate = static_cast<float>(1.0 / span_s);
-  for (std::size_t i = 0; i < out.size(); ++i) out[i] = (out[i] - before[i]) * rate;
+  out.resize(b.size());
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = (b[i] - a[i]) * rate;
 }
 
 tl::expected<void, std::string> SceneState::apply(SceneUpdate update) {

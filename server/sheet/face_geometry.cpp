@@ -4,20 +4,23 @@
 #include <cassert>
 #include <cmath>
 
+#include "server/sheet/simd.h"
+
 namespace rustle::sheet {
 namespace {
 
-constexpr std::size_t kLanes = 16;
-using Lanes = Eigen::Array<float, kLanes, 1>;
+constexpr std::size_t kLanes = 128;  // enough that what a batch gathers has left the store buffer when it is read
+using Lanes = float[kLanes];
+using Lanes3 = Lanes[3];
 
 // atan(x) = x p(x²) on [0, tan(π/8)], p fitted at Chebyshev nodes; relative error 2e-8.
-float atan_small(float x) {
+inline float atan_small(float x) {
   const float z = x * x;
   return x * (1.0f + z * (-0.333327979f + z * (0.199744046f + z * (-0.138514787f + z * 0.0798496306f))));
 }
 
 // atan2 without branches: the ratio is brought to [0, 1], then to [-tan(π/8), tan(π/8)].
-float angle_of(float sine, float cosine) {
+inline float angle_of(float sine, float cosine) {
   const float s = std::fabs(sine), c = std::fabs(cosine);
   const float high = s > c ? s : c, low = s > c ? c : s;
   const bool steep = low > 0.41421356f * high;
@@ -26,6 +29,34 @@ float angle_of(float sine, float cosine) {
   a = s > c ? 1.57079633f - a : a;
   a = cosine < 0 ? 3.14159265f - a : a;
   return sine < 0 ? -a : a;
+}
+
+inline void put_difference(Lanes3& out, std::size_t lane, const Vec3f& from, const Vec3f& to) {
+  for (int d = 0; d < 3; ++d) out[d][lane] = to[d] - from[d];
+}
+
+/// e: along the edges, a and b: from their starts to the apices.
+RUSTLE_SIMD void angles_of(const Lanes3& e, const Lanes3& a, const Lanes3& b, Lanes& out) {
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    // N_l = e x a, N_r = b x e; (N_l x N_r)·e/|e| = -|e| (N_l·b): areas cancel in the ratio.
+    const float lx = e[1][i] * a[2][i] - e[2][i] * a[1][i], ly = e[2][i] * a[0][i] - e[0][i] * a[2][i],
+                lz = e[0][i] * a[1][i] - e[1][i] * a[0][i];
+    const float rx = b[1][i] * e[2][i] - b[2][i] * e[1][i], ry = b[2][i] * e[0][i] - b[0][i] * e[2][i],
+                rz = b[0][i] * e[1][i] - b[1][i] * e[0][i];
+    const float length = std::sqrt(e[0][i] * e[0][i] + e[1][i] * e[1][i] + e[2][i] * e[2][i]);
+    out[i] = angle_of(-length * (lx * b[0][i] + ly * b[1][i] + lz * b[2][i]), lx * rx + ly * ry + lz * rz);
+  }
+}
+
+/// Of the triangles that a and b span.
+RUSTLE_SIMD void normals_of(const Lanes3& a, const Lanes3& b, Lanes3& normal, Lanes& area_m2) {
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    const float x = a[1][i] * b[2][i] - a[2][i] * b[1][i], y = a[2][i] * b[0][i] - a[0][i] * b[2][i],
+                z = a[0][i] * b[1][i] - a[1][i] * b[0][i];
+    const float length = std::sqrt(x * x + y * y + z * z), scale = length > 0 ? 1 / length : 0.0f;
+    normal[0][i] = x * scale, normal[1][i] = y * scale, normal[2][i] = z * scale;
+    area_m2[i] = 0.5f * length;
+  }
 }
 
 }  // namespace
@@ -45,12 +76,20 @@ void face_geometry(const Topology& topology, std::span<const Vec3f> positions_m,
   const auto triangles = topology.triangles();
   out.normals.resize(triangles.size());
   out.areas_m2.resize(triangles.size());
-  for (std::size_t f = 0; f < triangles.size(); ++f) {
-    const Vec3f& a = positions_m[triangles[f][0]];
-    const Vec3f n = (positions_m[triangles[f][1]] - a).cross(positions_m[triangles[f][2]] - a);
-    const float length = n.norm();
-    out.normals[f] = length > 0 ? Vec3f(n / length) : Vec3f::Zero();
-    out.areas_m2[f] = 0.5f * length;
+  Lanes3 a{}, b{}, normal;
+  Lanes area_m2;
+  for (std::size_t first = 0; first < triangles.size(); first += kLanes) {
+    const std::size_t count = std::min(kLanes, triangles.size() - first);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Triangle& v = triangles[first + i];
+      put_difference(a, i, positions_m[v[0]], positions_m[v[1]]);
+      put_difference(b, i, positions_m[v[0]], positions_m[v[2]]);
+    }
+    normals_of(a, b, normal, area_m2);
+    for (std::size_t i = 0; i < count; ++i) {
+      out.normals[first + i] = {normal[0][i], normal[1][i], normal[2][i]};
+      out.areas_m2[first + i] = area_m2[i];
+    }
   }
 }
 
@@ -78,37 +117,18 @@ std::vector<Hinge> hinges(const Topology& topology) {
 
 void dihedral_angles_rad(std::span<const Hinge> hinges, std::span<const Vec3f> positions_m, std::span<float> out_rad) {
   assert(out_rad.size() == hinges.size());
-  Eigen::Array<float, kLanes, 3> e, a, b;
-  const float* p = positions_m.empty() ? nullptr : positions_m[0].data();
+  Lanes3 e{}, a{}, b{};
+  Lanes angle;
   for (std::size_t first = 0; first < hinges.size(); first += kLanes) {
     const std::size_t count = std::min(kLanes, hinges.size() - first);
     for (std::size_t i = 0; i < count; ++i) {
       const Hinge& h = hinges[first + i];
-      const float *start = p + 3 * h[0], *end = p + 3 * h[1], *left = p + 3 * h[2], *right = p + 3 * h[3];
-      const auto row = static_cast<Eigen::Index>(i);
-      for (Eigen::Index d = 0; d < 3; ++d) {
-        e(row, d) = end[d] - start[d];
-        a(row, d) = left[d] - start[d];
-        b(row, d) = right[d] - start[d];
-      }
+      const Vec3f& start = positions_m[h[0]];
+      put_difference(e, i, start, positions_m[h[1]]);
+      put_difference(a, i, start, positions_m[h[2]]);
+      put_difference(b, i, start, positions_m[h[3]]);
     }
-    for (std::size_t i = count; i < kLanes; ++i) {
-      e.row(static_cast<Eigen::Index>(i)).setZero();
-      a.row(static_cast<Eigen::Index>(i)).setZero();
-      b.row(static_cast<Eigen::Index>(i)).setZero();
-    }
-    // N_l = e x a, N_r = b x e; (N_l x N_r)·e/|e| = -|e| (N_l·b): areas cancel in the ratio.
-    const Lanes lx = e.col(1) * a.col(2) - e.col(2) * a.col(1), ly = e.col(2) * a.col(0) - e.col(0) * a.col(2),
-                lz = e.col(0) * a.col(1) - e.col(1) * a.col(0);
-    const Lanes rx = b.col(1) * e.col(2) - b.col(2) * e.col(1), ry = b.col(2) * e.col(0) - b.col(0) * e.col(2),
-                rz = b.col(0) * e.col(1) - b.col(1) * e.col(0);
-    const Lanes length = (e.col(0).square() + e.col(1).square() + e.col(2).square()).sqrt();
-    const Lanes sine = -length * (lx * b.col(0) + ly * b.col(1) + lz * b.col(2));
-    const Lanes cosine = lx * rx + ly * ry + lz * rz;
-    float angle[kLanes];
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      angle[i] = angle_of(sine[static_cast<Eigen::Index>(i)], cosine[static_cast<Eigen::Index>(i)]);
-    }
+    angles_of(e, a, b, angle);
     for (std::size_t i = 0; i < count; ++i) {
       out_rad[first + i] = hinges[first + i][2] == hinges[first + i][3] ? 0.0f : angle[i];
     }

@@ -1,92 +1,16 @@
 #include "server/analysis/contacts.h"
 
 #include <cmath>
+#include <functional>
 #include <memory>
 
 #include <catch2/catch.hpp>
 
 #include "client_sdk/sheets/demos.h"
 #include "client_sdk/sheets/motions.h"
+#include "tests/unit/analysis/contact_sheets.h"
 
-namespace {
-
-using namespace rustle;
-using analysis::ContactTracker;
-using analysis::NeighbourSheet;
-using analysis::SheetSurroundings;
-using observation::FrictionContact;
-using sheet::MeshFrame;
-using sheet::Topology;
-using sheet::Vec3d;
-using sheet::Vec3f;
-
-constexpr double kRadius_m = 0.003;
-constexpr double kWidth_m = 0.297;
-constexpr double kHeight_m = 0.210;
-
-std::shared_ptr<const Topology> topology_of(const sheets::SheetMesh& mesh, bool with_material = true) {
-  Topology::Input input;
-  input.vertex_count = mesh.material_coordinates.size();
-  input.triangles = mesh.triangles;
-  if (with_material) {
-    for (const auto& uv : mesh.material_coordinates) input.material_coordinates_m.emplace_back(uv[0], uv[1]);
-  }
-  return Topology::make(std::move(input)).value();
-}
-
-using Map = std::function<Vec3d(double u_m, double v_m)>;
-
-MeshFrame frame_at(std::shared_ptr<const Topology> topology, const sheets::SheetMesh& mesh, double time_s, const Map& map,
-                   sheet::SheetId id = 1) {
-  MeshFrame frame;
-  frame.sheet = id;
-  frame.time_s = time_s;
-  frame.topology = std::move(topology);
-  for (const auto& uv : mesh.material_coordinates) {
-    frame.positions_m.push_back(map(static_cast<double>(uv[0]), static_cast<double>(uv[1])).cast<float>());
-  }
-  return frame;
-}
-
-scene::SceneState table_at(double height_m = 0) {
-  scene::SceneState scene;
-  scene::SceneUpdate update;
-  scene::Obstacle table;
-  table.id = 5;
-  table.pose.position_m.z() = height_m;
-  table.surface_material = "wooden-table";
-  update.obstacles = {table};
-  REQUIRE(scene.apply(update));
-  return scene;
-}
-
-/// A tracker with what it needs between frames.
-struct Run {
-  ContactTracker tracker;
-  std::unique_ptr<MeshFrame> previous;
-  std::uint64_t next_id = 1;
-
-  std::vector<FrictionContact> step(MeshFrame frame, const SheetSurroundings& surroundings) {
-    const MeshFrame* before = previous && previous->topology == frame.topology ? previous.get() : nullptr;
-    auto contacts = tracker.update(frame, before, surroundings, kRadius_m, next_id);
-    previous = std::make_unique<MeshFrame>(std::move(frame));
-    return contacts;
-  }
-};
-
-SheetSurroundings only(const scene::SceneState& scene) {
-  SheetSurroundings surroundings;
-  surroundings.scene = &scene;
-  surroundings.touched_surface = "cardboard";
-  surroundings.material = "printer-paper";
-  return surroundings;
-}
-
-double level_db(double a, double b) {
-  return 20 * std::log10(a / b);
-}
-
-}  // namespace
+using namespace contact_tests;
 
 TEST_CASE("A sliding flat sheet has its speed and area at any resolution and frame rate", "[contacts]") {
   const scene::SceneState scene = table_at();
@@ -109,6 +33,12 @@ TEST_CASE("A sliding flat sheet has its speed and area at any resolution and fra
         CHECK(contact.area_m2 == Approx(kWidth_m * kHeight_m).epsilon(1e-4));
         CHECK(contact.touched_surface == "wooden-table");
         CHECK(contact.vertices.size() == mesh.material_coordinates.size());
+        double by_vertex_m2 = 0;
+        for (const auto& vertex : contact.vertices) {
+          by_vertex_m2 += static_cast<double>(vertex.area_m2);
+          if (k > 0) CHECK((vertex.slip_velocity_m_per_s - Vec3f(0.08f, -0.06f, 0)).norm() < 0.002f);
+        }
+        CHECK(by_vertex_m2 == Approx(contact.area_m2).epsilon(1e-5));
         if (k > 0) CHECK((contact.direction - Vec3d(0.8, -0.6, 0)).norm() < 0.01);
         CHECK((contact.position_m - Vec3d(kWidth_m / 2 + 0.08 * t, kHeight_m / 2 - 0.06 * t, 0)).norm() < 1e-3);
       }
@@ -164,10 +94,10 @@ TEST_CASE("An arched sheet on its edges and a standing one touch alike at any re
       }
       for (const auto& contact : on_edges) {
         CHECK(std::abs(level_db(contact.speed_m_per_s, 0.1)) < 0.1);
-        CHECK(std::abs(level_db(contact.area_m2, arched_area)) < 1.5);
+        CHECK(std::abs(level_db(contact.area_m2, arched_area)) < 1.0);
       }
       CHECK(std::abs(level_db(on_edge[0].speed_m_per_s, 0.1)) < 0.1);
-      CHECK(std::abs(level_db(on_edge[0].area_m2, standing_area)) < 1.5);
+      CHECK(std::abs(level_db(on_edge[0].area_m2, standing_area)) < 0.1);
     }
   }
 }
@@ -205,7 +135,9 @@ TEST_CASE("Sliding over a sphere, a capsule, a box and a mesh is heard alike at 
       REQUIRE(contacts.size() == 1);
       CHECK(contacts[0].touched_surface == "cardboard");
       if (area == 0) area = contacts[0].area_m2;
-      CHECK(std::abs(level_db(contacts[0].speed_m_per_s, 0.1)) < 0.7);  // the roof's slopes take 0.65 dB
+      // Slip runs along the partner's surface: on the roof down its slopes.
+      const double speed = s == 3 ? 0.1 * std::cos(std::atan(0.4)) : 0.1;
+      CHECK(std::abs(level_db(contacts[0].speed_m_per_s, speed)) < 0.5);
       CHECK(std::abs(level_db(contacts[0].area_m2, area)) < 1.0);
     }
   }
@@ -295,22 +227,12 @@ TEST_CASE("A folded sheet touches itself, once, where its halves meet", "[contac
       INFO(triangles << " " << with_material);
       const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, triangles);
       const auto topology = topology_of(mesh, with_material);
-      // The left half rests 2 mm above the right one, which is drawn out from under it at 0.1 m/s.
-      const double gap_m = 0.002;
-      const auto folded = [&](double t) {
-        return [t, gap_m](double u, double v) -> Vec3d {
-          const double fold = 0.15 - 0.05 * t;
-          const double r = gap_m / 2;
-          const double half = M_PI * r / 2;
-          if (u < fold - half) return {fold - half - u + 0.05 * t, v, gap_m};
-          if (u > fold + half) return {u - fold - half + 0.05 * t, v, 0};
-          const double turn = (u - fold) / r;
-          return {-r * std::cos(turn) + 0.05 * t, v, r - r * std::sin(turn)};
-        };
-      };
       Run run;
       std::vector<FrictionContact> contacts;
-      for (int k = 0; k < 3; ++k) contacts = run.step(frame_at(topology, mesh, k / 60.0, folded(k / 60.0)), only(nothing));
+      for (int k = 0; k < 3; ++k) {
+        const double t = k / 60.0;
+        contacts = run.step(frame_at(topology, mesh, t, [&](double u, double v) { return folded(u, v, t); }), only(nothing));
+      }
       REQUIRE(contacts.size() == 1);
       CHECK(contacts[0].partner == sheet::ContactPartner(sheet::SheetPartner{1}));
       CHECK(contacts[0].touched_surface == "printer-paper");
@@ -340,20 +262,73 @@ TEST_CASE("Flat and bent sheets do not touch themselves", "[contacts]") {
   }
 }
 
-TEST_CASE("A flat sheet is surely unfolded, one that overlaps itself is not", "[contacts]") {
-  const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, 0.6, 0.05, 600);
+TEST_CASE("Level and area over every kind of obstacle hold at any resolution and frame rate", "[contacts]") {
+  scene::MeshShape slab;
+  slab.vertices_m = {Vec3f(-0.05f, -1, 0), Vec3f(0.05f, -1, 0), Vec3f(0.05f, 1, 0), Vec3f(-0.05f, 1, 0)};
+  slab.triangles = {{0, 1, 2}, {0, 2, 3}};
+  const std::vector<scene::Shape> shapes = {scene::PlaneShape{}, scene::BoxShape{Vec3d(0.05, 0.05, 0.1)},
+                                            scene::SphereShape{0.1}, scene::CapsuleShape{0.05, 0.02}, slab};
+  const std::vector<double> tops = {0, 0.1, 0.1, 0.07, 0};
+  for (std::size_t s = 0; s < shapes.size(); ++s) {
+    const scene::SceneState scene = scene_with(shapes[s]);
+    double level = 0, area_m2 = 0;
+    for (const std::size_t triangles : {20000u, 5000u, 1333u, 446u, 183u}) {
+      const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, triangles);
+      const auto topology = topology_of(mesh);
+      for (const double rate_hz : {240.0, 60.0, 30.0}) {
+        if (triangles == 20000u && rate_hz == 60.0) continue;
+        INFO(s << " " << triangles << " " << rate_hz);
+        Run run;
+        std::vector<FrictionContact> contacts;
+        for (int k = 0; k < 2; ++k) {
+          const double t = 0.1 + (k - 1) / rate_hz;
+          contacts = run.step(
+              frame_at(topology, mesh, t,
+                       [&](double u, double v) { return Vec3d(u - 0.15 + 0.08 * t, v - 0.1 + 0.06 * t, tops[s] + 0.0005); }),
+              only(scene));
+        }
+        REQUIRE(contacts.size() == 1);
+        if (level == 0) level = contacts[0].speed_m_per_s, area_m2 = contacts[0].area_m2;
+        CHECK(std::abs(level_db(contacts[0].speed_m_per_s, level)) < 0.5);
+        CHECK(std::abs(level_db(contacts[0].area_m2, area_m2)) < 1.0);
+      }
+    }
+    CHECK(std::abs(level_db(level, 0.1)) < 0.5);
+  }
+}
+
+TEST_CASE("The same frames give the same bits", "[contacts]") {
+  const scene::SceneState table = table_at();
+  const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, 446);
   const auto topology = topology_of(mesh);
-  analysis::ContactGeometry geometry;
-  const MeshFrame flat = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(v, u, 0); });
-  geometry.update(flat);
-  CHECK(analysis::surely_unfolded(geometry));
-  // A winding stair: all normals point up, yet it passes over itself.
-  const MeshFrame stair = frame_at(topology, mesh, 0, [](double u, double v) {
-    const double turn = u / 0.075;
-    return Vec3d((0.05 + v) * std::cos(turn), (0.05 + v) * std::sin(turn), 0.004 * turn / (2 * M_PI));
-  });
-  geometry.update(stair);
-  CHECK_FALSE(analysis::surely_unfolded(geometry));
+  const auto run = [&] {
+    Run one;
+    std::vector<FrictionContact> all;
+    for (int k = 0; k < 6; ++k) {
+      const double t = k / 60.0;
+      for (auto& contact :
+           one.step(frame_at(topology, mesh, t, [&](double u, double v) { return folded(u, v, t); }), only(table))) {
+        all.push_back(std::move(contact));
+      }
+    }
+    return all;
+  };
+  const auto a = run();
+  const auto b = run();
+  REQUIRE(a.size() == b.size());
+  REQUIRE(a.size() >= 12);
+  for (std::size_t c = 0; c < a.size(); ++c) {
+    CHECK(a[c].id == b[c].id);
+    CHECK(a[c].area_m2 == b[c].area_m2);
+    CHECK(a[c].speed_m_per_s == b[c].speed_m_per_s);
+    CHECK(a[c].position_m == b[c].position_m);
+    REQUIRE(a[c].vertices.size() == b[c].vertices.size());
+    for (std::size_t v = 0; v < a[c].vertices.size(); ++v) {
+      CHECK(a[c].vertices[v].vertex == b[c].vertices[v].vertex);
+      CHECK(a[c].vertices[v].area_m2 == b[c].vertices[v].area_m2);
+      CHECK(a[c].vertices[v].slip_velocity_m_per_s == b[c].vertices[v].slip_velocity_m_per_s);
+    }
+  }
 }
 
 TEST_CASE("Sent contacts replace proximity and keep their slip and force", "[contacts]") {
@@ -459,27 +434,6 @@ TEST_CASE("History reset gives one silent frame", "[contacts]") {
     REQUIRE(contacts.size() == 1);
     CHECK(contacts[0].speed_m_per_s == Approx(k == 0 || k == 2 ? 0.0 : 0.1).epsilon(0.01).margin(1e-9));
     CHECK(contacts[0].id == (k < 2 ? 1 : 2));
-  }
-}
-
-TEST_CASE("The broad phase between sheets does linear work", "[contacts]") {
-  double before = 0;
-  for (const std::size_t triangles : {500u, 2000u, 8000u, 32000u}) {
-    // At the same ratio of radius to edge length.
-    const double radius_m = 0.15 * std::sqrt(kWidth_m * kHeight_m / static_cast<double>(triangles));
-    const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, triangles);
-    const auto topology = topology_of(mesh);
-    const MeshFrame frame = frame_at(topology, mesh, 0, [&](double u, double v) { return Vec3d(u, v, 0.5 * radius_m); });
-    const MeshFrame other = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(u + 0.004, v, 0); });
-    analysis::ContactGeometry geometry;
-    geometry.update(frame);
-    const analysis::VertexVelocities rest;
-    analysis::SheetContact surface(*topology, other.positions_m, rest, radius_m, nullptr);
-    const auto patch = analysis::measure_contact(geometry, surface, rest, {}, radius_m);
-    CHECK(patch.vertices.size() > 0.9 * static_cast<double>(mesh.material_coordinates.size()));
-    const double visits = static_cast<double>(surface.candidates_visited()) / static_cast<double>(triangles);
-    if (before > 0) CHECK(visits < 1.2 * before);
-    before = visits;
   }
 }
 

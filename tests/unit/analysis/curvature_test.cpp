@@ -14,10 +14,11 @@ namespace {
 std::vector<float> curvature_of(const analysis::CurvatureStencils& stencils, const sheet::MeshFrame& frame) {
   std::vector<sheet::Vec3f> relative;
   sheet::relative_positions_m(frame.positions_m, sheet::mean_position_m(frame.positions_m), relative);
-  std::vector<float> angles(stencils.hinges.size()), h(frame.positions_m.size());
+  std::vector<float> angles(stencils.hinges.size());
   sheet::dihedral_angles_rad(stencils.hinges, relative, angles);
-  analysis::mean_curvature_per_m(stencils, angles, h);
-  return h;
+  analysis::Curvature curvature;
+  analysis::measure_curvature(stencils, angles, curvature);
+  return curvature.mean_per_m;
 }
 
 double worst(const std::vector<float>& values, double expected) {
@@ -68,9 +69,10 @@ TEST_CASE("local bending of a cylinder is of the order of its curvature") {
   const auto frame = test::frame_of(mesh, topology, test::arc(8));
   std::vector<float> angles(stencils.hinges.size());
   sheet::dihedral_angles_rad(stencils.hinges, frame.positions_m, angles);
+  analysis::Curvature curvature;
+  analysis::measure_curvature(stencils, angles, curvature);
   double mean = 0;
-  for (std::uint32_t i = 0; i < frame.positions_m.size(); ++i)
-    mean += static_cast<double>(analysis::bending_per_m(stencils, angles, i));
+  for (const float k : curvature.bending_per_m) mean += static_cast<double>(k);
   mean /= static_cast<double>(frame.positions_m.size());
   CHECK(mean > 3.6);
   CHECK(mean < 8.0);  // hinges of either sign count, those along the rulings add noise

@@ -120,13 +120,16 @@ TEST_CASE("a ridge stops the flood, an inflection does not, an anchor does") {
     const auto frame = test::frame_of(mesh, test::topology_of(mesh), test::map_of(*shape.shape));
     const auto stencils = analysis::region_stencils(frame.topology, sheet::rest_plane(*frame.topology, {}), {});
     const analysis::Parameters parameters;
-    const auto map = analysis::segment(stencils, frame.positions_m, 0, parameters, nullptr);
-    analysis::Holds holds{std::vector<bool>(frame.positions_m.size(), false),
-                          std::vector<bool>(frame.positions_m.size(), false)};
+    analysis::RegionScratch scratch;
+    analysis::RegionMap map;
+    analysis::segment(stencils, {frame.positions_m, {}}, 0, parameters, nullptr, scratch, map);
+    analysis::Holds holds{std::vector<std::uint8_t>(frame.positions_m.size()),
+                          std::vector<std::uint8_t>(frame.positions_m.size())};
     for (std::size_t i = 0; i < frame.positions_m.size(); ++i) {
       holds.anchored[i] = anchor_middle && std::abs(mesh.material_coordinates[i][0] - 0.1485f) < 0.02f;
     }
-    analysis::ResonatorFinder finder(stencils, map, frame.positions_m, sheet::Vec3d::Zero(), holds, parameters, nullptr);
+    analysis::ResonatorFinder finder(parameters);
+    finder.turn_to({stencils, map, frame.positions_m, sheet::Vec3d::Zero(), holds});
     const std::uint32_t corner = map.region[0];
     const auto first =
         static_cast<std::uint32_t>(std::find(map.region.begin(), map.region.end(), corner) - map.region.begin());
@@ -228,6 +231,34 @@ TEST_CASE("sent tear tips keep their id and ring the sheet around them") {
     CHECK(seen.tears[0].source == observation::Source::kSent);
     REQUIRE(seen.tears[0].resonators.size() == 1);
     CHECK_FALSE(seen.tears[0].resonators[0].constrained);
+  }
+}
+
+TEST_CASE("resonators move with a sheet that keeps its bend, and change with the bend at once") {
+  const auto mesh = sheets::make_rectangle(MeshKind::kDelaunay, 0.297, 0.210, 1333);
+  const auto topology = test::topology_of(mesh);
+  analysis::SheetAnalyzer analyzer(1, {});
+  std::uint64_t next_id = 1;
+  const auto ring = [&](int k, double curvature_per_m) {
+    const auto place = test::moved(test::arc(curvature_per_m), Eigen::Quaterniond::Identity(), {0.01 * k, 0, 0});
+    auto frame = test::frame_of(mesh, topology, place, k / 240.0);
+    frame.tear_tips.push_back({7, frame.positions_m[0], 0.2f, std::nullopt});
+    const auto seen = analyzer.analyze(frame, {}, next_id);
+    REQUIRE(seen.tears[0].resonators.size() == 1);
+    return seen.tears[0].resonators[0];
+  };
+  const Resonator first = ring(0, 5);
+  for (int k = 1; k < 30; ++k) {
+    const Resonator r = ring(k, 5);
+    CHECK(r.position_m.x() == Approx(first.position_m.x() + 0.01 * k).margin(1e-5));
+    CHECK(r.ruling_length_m == Approx(first.ruling_length_m).epsilon(0.001));
+    CHECK(r.free_border_length_m == Approx(first.free_border_length_m).epsilon(0.001));
+  }
+  CHECK(ring(30, 0).constrained);
+  CHECK_FALSE(ring(31, -3).constrained);
+  for (int k = 0; k <= 40; ++k) {  // slowly: no step of it is much, all of it is
+    const Resonator r = ring(32 + k, 3 - 0.075 * k);
+    if (k == 40) CHECK(r.constrained);
   }
 }
 
