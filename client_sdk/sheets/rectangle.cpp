@@ -51,24 +51,35 @@ SheetMesh make_structured(double width_m, double height_m, std::size_t triangle_
   return mesh;
 }
 
-/// Points on the four borders, corners first on each, at the spacing asked for.
-std::vector<Point> border_points(double width_m, double height_m, const std::function<double(double)>& spacing_at) {
+/// Points on the four borders, corners first on each, at the spacing asked for; their number is odd where `odd` is, since a
+/// triangulation has as many triangles, odd or even, as border points.
+std::vector<Point> border_points(double width_m, double height_m, const std::function<double(double)>& spacing_at,
+                                 bool odd) {
   const std::array<Point, 4> corners = {{{0, 0}, {width_m, 0}, {width_m, height_m}, {0, height_m}}};
-  std::vector<Point> points;
+  constexpr int kSteps = 400;
+  std::array<std::array<double, kSteps + 1>, 4> counts{};
+  std::array<int, 4> pieces{};
   for (std::size_t side = 0; side < 4; ++side) {
     const Point& a = corners[side];
     const Point& b = corners[(side + 1) % 4];
     const double length = std::hypot(b[0] - a[0], b[1] - a[1]);
-    constexpr int kSteps = 400;
-    std::array<double, kSteps + 1> count{};
+    auto& count = counts[side];
     for (int i = 0; i < kSteps; ++i) {
       const double x = a[0] + (b[0] - a[0]) * (i + 0.5) / kSteps;
       count[static_cast<std::size_t>(i) + 1] = count[static_cast<std::size_t>(i)] + length / kSteps / spacing_at(x);
     }
-    const int pieces = std::max(1, static_cast<int>(std::lround(count[kSteps])));
+    pieces[side] = std::max(1, static_cast<int>(std::lround(count[kSteps])));
+  }
+  const int total = pieces[0] + pieces[1] + pieces[2] + pieces[3];
+  if ((total % 2 != 0) != odd) ++pieces[0];
+  std::vector<Point> points;
+  for (std::size_t side = 0; side < 4; ++side) {
+    const Point& a = corners[side];
+    const Point& b = corners[(side + 1) % 4];
+    const auto& count = counts[side];
     std::size_t i = 0;
-    for (int k = 0; k < pieces; ++k) {
-      const double goal = count[kSteps] * k / pieces;
+    for (int k = 0; k < pieces[side]; ++k) {
+      const double goal = count[kSteps] * k / pieces[side];
       while (i + 1 < kSteps && count[i + 1] <= goal) ++i;
       const double share = k == 0 ? 0.0 : (static_cast<double>(i) + (goal - count[i]) / (count[i + 1] - count[i])) / kSteps;
       points.push_back({a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share});
@@ -124,7 +135,7 @@ SheetMesh make_scattered(bool graded, double width_m, double height_m, std::size
   const auto spacing_at = [&](double x) { return graded ? base_m * factor * grade(x / width_m) : base_m; };
   const double least_m = spacing_at(0);
 
-  std::vector<Point> points = border_points(width_m, height_m, spacing_at);
+  std::vector<Point> points = border_points(width_m, height_m, spacing_at, triangle_count % 2 != 0);
   Neighbourhood border(width_m, height_m, base_m);
   Neighbourhood inside(width_m, height_m, base_m);
   for (const Point& p : points) border.add(p);

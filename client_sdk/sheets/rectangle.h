@@ -18,8 +18,9 @@ enum class MeshKind {
   kGraded,      ///< random points; edges four times as long at x = width as at x = 0
 };
 
-/// Triangulates [0, width] x [0, height] into about `triangle_count` triangles: the random kinds within 2 %, the structured
-/// one as near as rows and columns allow. Corners and straight borders are exact. The same arguments give the same mesh.
+/// Triangulates [0, width] x [0, height] into `triangle_count` triangles: the random kinds exactly (from about 50 on), the
+/// structured one as near as rows and columns allow. Corners and straight borders are exact. The same arguments give the
+/// same mesh.
 /// \pre width_m, height_m > 0; triangle_count ≥ 2
 [[nodiscard]] SheetMesh make_rectangle(MeshKind kind, double width_m, double height_m, std::size_t triangle_count,
                                        std::uint64_t seed = 0);

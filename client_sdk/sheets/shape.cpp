@@ -11,6 +11,8 @@ namespace rustle::sheets {
 namespace {
 
 constexpr double kRidgeLength_m = 1e-7;  ///< a sharp fold is an arc this short
+constexpr double kWidestRidge_m = 0.008;
+constexpr double kLeastRidge_rad = 0.5;
 
 double sinc(double x) {
   return std::abs(x) < 1e-4 ? 1 - x * x / 6 : std::sin(x) / x;
@@ -74,6 +76,7 @@ std::vector<NamedShape> make_zoo() {
   bent("fold3mm", kLong, kShort, 25 * degree, {0.03, 0.033}, {0, 1 / 0.003, 0});
   bent("bent_ridge", kLong, kShort, 0, {}, {6}, {{0.03, 1.0}});
   bent("dogear", kLong, kShort, std::atan2(kShort, kLong), {0.11, 0.115}, {0, 1.5 / 0.005, 0});
+  bent("folded", kLong, kShort, 0, {}, {4}, {{0, 1.2}});
   return zoo;
 }
 
@@ -118,7 +121,10 @@ BentShape::BentShape(double width_m, double height_m, double angle_rad, std::vec
       direction_{std::cos(angle_rad), std::sin(angle_rad)},
       breaks_m_(std::move(breaks_m)),
       curvatures_per_m_(std::move(curvatures_per_m)),
-      curve_(curve_with_ridges(breaks_m_, curvatures_per_m_, ridges)) {}
+      curve_(curve_with_ridges(breaks_m_, curvatures_per_m_, ridges)) {
+  for (const Ridge& ridge : ridges) ridges_s_m_.push_back(ridge.s_m);
+  std::sort(ridges_s_m_.begin(), ridges_s_m_.end());
+}
 
 double BentShape::along(double u_m, double v_m) const {
   return (u_m - width_m_ / 2) * direction_[0] + (v_m - height_m_ / 2) * direction_[1];
@@ -133,6 +139,21 @@ Point3 BentShape::at(double u_m, double v_m) const {
 double BentShape::curvature_per_m(double u_m, double v_m) const {
   const auto piece = std::upper_bound(breaks_m_.begin(), breaks_m_.end(), along(u_m, v_m)) - breaks_m_.begin();
   return curvatures_per_m_[static_cast<std::size_t>(piece)];
+}
+
+std::array<double, 2> BentShape::ruling(double, double) const {
+  return {-direction_[1], direction_[0]};
+}
+
+int BentShape::piece(double u_m, double v_m) const {
+  const double s = along(u_m, v_m);
+  const auto k = static_cast<std::size_t>(std::upper_bound(breaks_m_.begin(), breaks_m_.end(), s) - breaks_m_.begin());
+  if (k > 0 && k < breaks_m_.size()) {
+    const double width_m = breaks_m_[k] - breaks_m_[k - 1];
+    if (width_m <= kWidestRidge_m && std::abs(curvatures_per_m_[k]) * width_m > kLeastRidge_rad) return kInRidge;
+  }
+  const auto ridge = std::upper_bound(ridges_s_m_.begin(), ridges_s_m_.end(), s) - ridges_s_m_.begin();
+  return static_cast<int>(k + static_cast<std::size_t>(ridge));
 }
 
 ConeShape::ConeShape(double width_m, double height_m, std::array<double, 2> apex_m, double half_angle_rad)
@@ -151,6 +172,17 @@ Point3 ConeShape::at(double u_m, double v_m) const {
 
 double ConeShape::curvature_per_m(double u_m, double v_m) const {
   return 1 / (std::hypot(u_m - apex_m_[0], v_m - apex_m_[1]) * std::tan(half_angle_rad_));
+}
+
+std::array<double, 2> ConeShape::ruling(double u_m, double v_m) const {
+  const double u = u_m - apex_m_[0];
+  const double v = v_m - apex_m_[1];
+  const double slant = std::hypot(u, v);
+  return {u / slant, v / slant};
+}
+
+int ConeShape::piece(double, double) const {
+  return 0;
 }
 
 double radius_from_compression_m(double length_m, double compression) {

@@ -20,6 +20,13 @@ class Shape {
   /// Principal curvature across the rulings there, 1/m, > 0 where the sheet is a dome seen from its normals' side. The mean
   /// curvature is half of it.
   virtual double curvature_per_m(double u_m, double v_m) const = 0;
+  /// Direction of the ruling through that point, unit length in the material plane.
+  virtual std::array<double, 2> ruling(double u_m, double v_m) const = 0;
+  /// The piece of the sheet that the point belongs to, bounded by rulings: parts of other bending and what lies beyond a
+  /// ridge are other pieces. kInRidge: on a ridge of some width (at most 8 mm wide, turning by more than 0.5 rad).
+  virtual int piece(double u_m, double v_m) const = 0;
+
+  static constexpr int kInRidge = -1;
 };
 
 /// A plane curve of arcs: curvature piecewise constant along its length, > 0 turning downward. Exact.
@@ -59,6 +66,8 @@ class BentShape : public Shape {
 
   Point3 at(double u_m, double v_m) const override;
   double curvature_per_m(double u_m, double v_m) const override;  ///< a ridge counts as its two sides
+  std::array<double, 2> ruling(double u_m, double v_m) const override;
+  int piece(double u_m, double v_m) const override;
 
  private:
   double along(double u_m, double v_m) const;
@@ -66,6 +75,7 @@ class BentShape : public Shape {
   double width_m_, height_m_;
   std::array<double, 2> direction_;
   std::vector<double> breaks_m_, curvatures_per_m_;
+  std::vector<double> ridges_s_m_;  ///< sharp ones, ascending
   ArcCurve curve_;
 };
 
@@ -76,6 +86,8 @@ class ConeShape : public Shape {
 
   Point3 at(double u_m, double v_m) const override;
   double curvature_per_m(double u_m, double v_m) const override;
+  std::array<double, 2> ruling(double u_m, double v_m) const override;
+  int piece(double u_m, double v_m) const override;
 
  private:
   std::array<double, 2> apex_m_;
@@ -93,7 +105,8 @@ struct NamedShape {
 };
 
 /// Analytic sheets to test geometry with, mostly A4 (0.297 x 0.210 m): flat, strip10, strip30, strip30_oblique,
-/// strip10_5cm, strip10_2.5cm, cone, sbend, sbend_oblique, half_bent, ridge, ridge_oblique, fold3mm, bent_ridge, dogear.
+/// strip10_5cm, strip10_2.5cm, cone, sbend, sbend_oblique, half_bent, ridge, ridge_oblique, fold3mm, bent_ridge, dogear,
+/// folded (creased across its middle, both halves bowed, a tent on its two straight edges: Fig. 12 of Schreck et al. 2016).
 [[nodiscard]] const std::vector<NamedShape>& shape_zoo();
 
 /// Null: no such name.

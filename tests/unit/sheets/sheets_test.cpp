@@ -116,7 +116,7 @@ TEST_CASE("Rectangles are covered by about as many triangles as asked for", "[re
       INFO(static_cast<int>(kind) << ": " << mesh.triangles.size() << " of " << wanted);
       CHECK(area_of(mesh) == Approx(0.297 * 0.210).epsilon(1e-5));
       const double share = static_cast<double>(mesh.triangles.size()) / static_cast<double>(wanted);
-      CHECK(std::abs(share - 1) < (kind == MeshKind::kStructured ? 0.12 : 0.02));
+      CHECK(std::abs(share - 1) <= (kind == MeshKind::kStructured ? 0.12 : 0.0));
       std::vector<bool> used(mesh.material_coordinates.size(), false);
       for (const auto& t : mesh.triangles) {
         for (const auto v : t) used[v] = true;
@@ -144,7 +144,7 @@ TEST_CASE("A graded rectangle has four times longer edges on its right", "[recta
 }
 
 TEST_CASE("Every shape of the zoo keeps lengths and bends as it says", "[shape]") {
-  CHECK(shape_zoo().size() == 15);
+  CHECK(shape_zoo().size() == 16);
   CHECK(find_shape("cone") != nullptr);
   CHECK(find_shape("sphere") == nullptr);
   for (const NamedShape& named : shape_zoo()) {
@@ -169,7 +169,7 @@ TEST_CASE("Every shape of the zoo keeps lengths and bends as it says", "[shape]"
         const bool smooth = std::abs(named.shape->curvature_per_m(u + 2 * h, v) - named.shape->curvature_per_m(u, v)) < 1 &&
                             std::abs(named.shape->curvature_per_m(u - 2 * h, v) - named.shape->curvature_per_m(u, v)) < 1;
         const bool has_ridge = named.name.find("ridge") != std::string::npos;
-        if (smooth && !has_ridge && named.name != "fold3mm" && named.name != "dogear") {
+        if (smooth && !has_ridge && named.name != "folded" && named.name != "fold3mm" && named.name != "dogear") {
           CHECK(trace == Approx(named.shape->curvature_per_m(u, v)).margin(0.1).epsilon(0.02));
         }
       }

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# Builds a group of benchmarks in Release and runs it.
+# usage: tests/bench/run.sh GROUP [--json] [--check] [--frames N]
+# GROUP: analysis (geometry of one frame, stage by stage, beside the plain dihedral pass)
+# RUSTLE_BUILD: where to build, build/release by default
+# example: tests/bench/run.sh analysis --json
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+if [ $# -eq 0 ] || [ "$1" = --help ] || [ "$1" = -h ]; then
+  sed -n '2,6s/^# //p' tests/bench/run.sh
+  [ $# -gt 0 ]
+  exit
+fi
+group=$1
+shift
+if [ ! -f "tests/bench/$group.cpp" ]; then
+  groups=$(cd tests/bench && ls ./*.cpp | sed 's|^\./||; s|\.cpp$||' | tr '\n' ' ')
+  echo "no benchmarks named '$group'; there are: $groups" >&2
+  exit 2
+fi
+build=${RUSTLE_BUILD:-build/release}
+launcher=()
+command -v ccache >/dev/null && launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+if ! { cmake -S . -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DRUSTLE_TESTS=ON "${launcher[@]}" &&
+  cmake --build "$build" --target "bench_$group"; } >"$log" 2>&1; then
+  cat "$log" >&2
+  exit 1
+fi
+"$build/bench/bench_$group" "$@"
