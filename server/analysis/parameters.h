@@ -8,7 +8,7 @@ namespace rustle::analysis {
 struct Parameters {
   // Mean curvature for sign events (P2): kernel radius, and at least so many local edge lengths.
   double event_radius_m = 0.010;
-  double event_radius_edges = 1.7;   ///< with the reach of a node's own hinges as much as 1.5 from hinge to vertex
+  double event_radius_edges = 1.4;   ///< with the reach of a node's own hinges as much as 1.5 from hinge to vertex
   double event_band_per_m = 0.3;     ///< absolute dead band on H
   double event_band_relative = 0.5;  ///< plus this share of the local bending
   double event_growth_per_m = 0.05;  ///< a seeded flip takes along connected vertices of the new sign beyond this

@@ -14,11 +14,14 @@
 #include <sstream>
 #include <thread>
 
+#include "client_sdk/capture/capture_writer.h"
 #include "client_sdk/cpp/observation_reader.h"
 #include "client_sdk/cpp/session.h"
+#include "client_sdk/cpp/stream_messages.h"
 #include "client_sdk/sheets/demos.h"
 #include "server/apps/command.h"
 #include "server/apps/daemon.h"
+#include "server/apps/wording.h"
 #include "server/report/spectrogram_picture.h"
 #include "server/sinks/wav.h"
 
@@ -31,7 +34,7 @@ constexpr double kFlapTold_m = 0.002;
 constexpr std::uint32_t kSheet = 1;
 
 struct DemoArguments {
-  std::string what = "bend_slide_snap_shake", output = "demo", material = "printer-paper";
+  std::string what = "bend_slide_snap_shake", output = "demo", material = "printer-paper", capture;
   std::uint64_t seed = 1;
   std::size_t triangles = 1333;
 };
@@ -125,6 +128,87 @@ Failure failure_of(const tl::expected<T, client::Error>& result) {
   return result ? Failure{} : Failure{client::to_string(result.error())};
 }
 
+/// Keeps what the demo's session sends as a capture, which takes its name in finish(). Log times are simulation times.
+class Recording {
+ public:
+  ~Recording() {
+    std::error_code ignored;
+    if (!partial_.empty()) std::filesystem::remove(partial_, ignored);
+  }
+
+  Failure open(const std::string& file, const client::SessionOptions& options) {
+    file_ = file;
+    capture::CaptureWriterOptions writer_options;
+    writer_options.notes["source"] = "rustle demo";
+    auto writer = capture::CaptureWriter::create(file + ".partial", std::move(writer_options));
+    if (!writer) return writer.error().text();
+    partial_ = file + ".partial";
+    writer_.emplace(std::move(*writer));
+    v1::StreamMessage announcement;
+    announcement.mutable_announcement()->set_protocol_version(capture::kWireVersion);
+    announcement.mutable_announcement()->set_name(options.name);
+    client::internal::write(options, announcement.mutable_announcement()->mutable_options());
+    if (auto failed = keep(announcement)) return failed;
+    for (const auto& sheet : options.sheets) {
+      v1::StreamMessage message;
+      client::internal::write(sheet, message.mutable_sheet());
+      if (auto failed = keep(message)) return failed;
+    }
+    return {};
+  }
+  Failure topology(const client::Topology& topology) {
+    v1::StreamMessage message;
+    client::internal::write(topology, message.mutable_topology());
+    return keep(message);
+  }
+  Failure scene(const client::SceneUpdate& update) {
+    v1::StreamMessage message;
+    client::internal::write(update, message.mutable_scene());
+    return keep(message);
+  }
+  Failure frame(std::uint64_t topology_id, double time_s, std::span<const float> positions,
+                const client::FrameExtras& extras) {
+    if (!writer_) return {};
+    v1::StreamMessage message;
+    v1::MeshFrame* frame = message.mutable_frame();
+    frame->set_sheet_id(kSheet);
+    frame->set_topology_id(topology_id);
+    frame->set_time_s(time_s);
+    client::internal::set_bytes(positions, frame->mutable_positions());
+    client::internal::write(extras, frame);
+    time_s_ = time_s;
+    return keep(message);
+  }
+  Failure finish() {
+    if (!writer_) return {};
+    v1::StreamMessage end;
+    end.mutable_end();
+    if (auto failed = keep(end)) return failed;
+    if (auto closed = writer_->close(); !closed) return closed.error().text();
+    std::error_code cause;
+    std::filesystem::rename(partial_, file_, cause);
+    if (cause) return capture::storage_error(file_, "take the file's name", cause).text();
+    partial_.clear();
+    return {};
+  }
+
+ private:
+  Failure keep(v1::StreamMessage& message) {
+    if (!writer_) return {};
+    message.set_session_id("demo");
+    message.set_sequence(++sequence_);
+    const auto log_time_ns = static_cast<std::uint64_t>(std::llround(1e9 * time_s_));
+    if (auto written = writer_->write(capture::record_of(message, log_time_ns, log_time_ns)); !written)
+      return written.error().text();
+    return {};
+  }
+
+  std::optional<capture::CaptureWriter> writer_;
+  std::string file_, partial_;
+  std::uint64_t sequence_ = 0;
+  double time_s_ = 0;
+};
+
 using Demos = std::vector<std::unique_ptr<sheets::AnimatedSheet>>;
 
 constexpr double kPause_s = 0.3;  // between demos
@@ -136,8 +220,8 @@ double duration_s(const Demos& demos) {
 }
 
 /// Sends one demo's frames as a simulator would, from `start_s` on.
-Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet, std::uint64_t topology_id, double start_s,
-                 const std::function<void(double)>& sent) {
+Failure simulate(client::Session& session, Recording& recording, const sheets::AnimatedSheet& sheet,
+                 std::uint64_t topology_id, double start_s, const std::function<void(double)>& sent) {
   const auto& mesh = sheet.mesh();
   const std::size_t vertices = mesh.material_coordinates.size();
   std::vector<float> positions(3 * vertices);
@@ -147,12 +231,14 @@ Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet, s
   topology.vertex_count = static_cast<std::uint32_t>(vertices);
   topology.triangles = {mesh.triangles.front().data(), 3 * mesh.triangles.size()};
   topology.material_coordinates = {mesh.material_coordinates.front().data(), 2 * vertices};
+  if (auto failed = recording.topology(topology)) return failed;
   if (auto failed = failure_of(session.add_topology(topology))) return failed;
   if (sheet.on_table()) {
     client::SceneUpdate scene;
     scene.time_s = start_s;
     scene.obstacles.push_back(
         {.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
+    if (auto failed = recording.scene(scene)) return failed;
     if (auto failed = failure_of(session.scene(scene))) return failed;
   }
   const auto frames = static_cast<int>(std::ceil(sheet.duration_s() * kFramesPerSecond));
@@ -163,21 +249,23 @@ Failure simulate(client::Session& session, const sheets::AnimatedSheet& sheet, s
     client::FrameExtras extras;
     extras.anchored = held;
     extras.reset_history = k == 0;
+    if (auto failed = recording.frame(topology_id, start_s + time_s, positions, extras)) return failed;
     if (auto failed = failure_of(session.frame(kSheet, topology_id, start_s + time_s, positions, extras))) return failed;
     sent(start_s + time_s);
   }
   return {};
 }
 
-Failure simulate(client::Session& session, const Demos& demos) {
+Failure simulate(client::Session& session, Recording& recording, const Demos& demos) {
   Progress progress("simulating");
   double start_s = 0;
   std::uint64_t topology_id = 0;
   for (const auto& demo : demos) {
     const auto sent = [&](double time_s) { progress.show(time_s / duration_s(demos)); };
-    if (auto failed = simulate(session, *demo, ++topology_id, start_s, sent)) return failed;
+    if (auto failed = simulate(session, recording, *demo, ++topology_id, start_s, sent)) return failed;
     start_s += demo->duration_s() + kPause_s;
   }
+  if (auto failed = recording.finish()) return failed;
   return failure_of(session.end());
 }
 
@@ -195,6 +283,10 @@ Failure play(const DemoArguments& arguments, const Demos& demos, const std::stri
   options.seed = arguments.seed;
   options.default_material = arguments.material;
   options.sheets.push_back({.id = kSheet, .name = arguments.what});
+  Recording recording;
+  if (!arguments.capture.empty()) {
+    if (auto failed = recording.open(arguments.capture, options)) return failed;
+  }
   auto session = client::Session::attach(*connection, options);
   if (auto failed = failure_of(session)) return failed;
   auto pcm = session->listen();
@@ -218,7 +310,7 @@ Failure play(const DemoArguments& arguments, const Demos& demos, const std::stri
     }
     failed = "no sound came back for 30 s";
   });
-  Failure sending = simulate(*session, demos);
+  Failure sending = simulate(*session, recording, demos);
   if (sending) static_cast<void>(session->end());
   listener_thread.join();
   done.store(true);
@@ -241,7 +333,7 @@ int run(const DemoArguments& arguments) {
   }
   if (demos.empty()) return complain("name a demo, as in `rustle demo snap`", kWrongUsage);
   const std::string wav_name = arguments.output + ".wav", picture_name = arguments.output + ".png";
-  if (auto conflict = output_conflict({}, {wav_name, picture_name}); !conflict.empty())
+  if (auto conflict = output_conflict({}, {wav_name, picture_name, arguments.capture}); !conflict.empty())
     return complain(conflict, kWrongUsage);
   auto packs = std::make_shared<pack::PackLibrary>();
   if (auto found = packs->find(arguments.material); !found) return complain(found.error().text(), kWrongUsage);
@@ -259,8 +351,8 @@ int run(const DemoArguments& arguments) {
   std::atomic<bool> stop{false};
   std::thread network([&] { (*daemon)->run(stop); });
 
-  fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {} triangles.\n", arguments.material,
-             duration_s(demos), demos.front()->mesh().triangles.size());
+  fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {}.\n", arguments.material, duration_s(demos),
+             counted(demos.front()->mesh().triangles.size(), "triangle"));
   Heard heard;
   Teller teller;
   const auto failed = play(arguments, demos, options.sockets.control, heard, teller);
@@ -281,7 +373,8 @@ int run(const DemoArguments& arguments) {
     return complain(drawn.error(), kFailed);
   float peak = 0;
   for (const float x : heard.interleaved) peak = std::max(peak, std::abs(x));
-  fmt::print("{}: {:.1f} s, peak {}; {}: its spectrogram\n", wav_name, sound.duration_s(), level_text(peak), picture_name);
+  fmt::print("{}: {:.1f} s, peak {}; {}: its spectrogram{}\n", wav_name, sound.duration_s(), level_text(peak), picture_name,
+             arguments.capture.empty() ? "" : "; " + arguments.capture + ": its frames");
   return kDone;
 }
 
@@ -291,11 +384,14 @@ void add_demo(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<DemoArguments>();
   auto* command =
       app.add_subcommand("demo", "Attach a built-in animated sheet to a daemon of its own and write what it sounds like");
-  command->footer("Example: rustle demo snap --material printer-paper -o snap");
+  command->footer(
+      "Example: rustle demo snap --material printer-paper -o snap --capture snap.mcap\n"
+      "The capture serves the other commands: `rustle render snap.mcap -o again.wav` gives the same samples.");
   std::string names;
   for (const auto known : sheets::demo_names()) names += (names.empty() ? "" : ", ") + std::string(known);
   command->add_option("WHAT", arguments->what, "One or several, separated by commas: " + names)->capture_default_str();
   command->add_option("-o,--output", arguments->output, "Writes OUTPUT.wav and OUTPUT.png")->capture_default_str();
+  command->add_option("--capture", arguments->capture, "Keeps the motion that is sent as a capture (.mcap)");
   command->add_option("--material", arguments->material, "The sheet's material")->capture_default_str();
   command->add_option("--seed", arguments->seed, "Seed of everything random")->capture_default_str();
   command->add_option("--triangles", arguments->triangles, "Of the sheet's mesh")

@@ -1,168 +1,112 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "server/analysis/sheet_analyzer.h"
 #include "server/apps/capture_source.h"
 #include "server/apps/command.h"
+#include "server/apps/inspected_sheet.h"
+#include "server/apps/wording.h"
+#include "server/report/film_picture.h"
 #include "server/report/sheet_picture.h"
-#include "server/scene/scene_state.h"
-#include "server/sinks/event_log.h"
 
 namespace rustle::apps {
 namespace {
 
-constexpr double kEventsShown_s = 0.1;  // before the frame
-
 struct InspectArguments {
   std::string capture, output;
-  double time_s = std::numeric_limits<double>::quiet_NaN();
+  std::optional<double> time_s, from_s, to_s;
+  std::optional<int> film, columns;
   std::optional<std::uint32_t> sheet;
   bool json = false;
 };
 
-/// The analysis of the sheets up to one time, and what is known of that moment.
-struct Moment {
-  sheet::MeshFrame frame;
-  observation::Observation observation;
-  std::vector<observation::CrumplingEvent> recent;
-  std::vector<scene::Obstacle> obstacles;
-  std::optional<sheet::Vec3d> listener_m;
-  std::string sheet_name;
-};
-
-tl::expected<Moment, std::string> analyse_until(const InspectArguments& arguments, CaptureSource& source) {
-  struct Sheet {
-    engine::SheetDescription description;
-    std::unique_ptr<analysis::SheetAnalyzer> analyzer;
-    std::optional<sheet::MeshFrame> newest, previous;
-    observation::Observation observation;
-    std::vector<observation::CrumplingEvent> recent;
-  };
-  std::map<sheet::SheetId, Sheet> sheets;
-  scene::SceneState scene;
-  std::uint64_t next_event_id = 1;
-  std::optional<sheet::SheetId> shown = arguments.sheet;
-  while (auto item = source.next()) {
-    if (auto* described = std::get_if<engine::SheetDescription>(&*item)) {
-      auto& sheet = sheets[described->id];
-      sheet.description = *described;
-      sheet.analyzer = std::make_unique<analysis::SheetAnalyzer>(described->id, analysis::Parameters{});
-    } else if (auto* update = std::get_if<scene::SceneUpdate>(&*item)) {
-      if (auto applied = scene.apply(*update); !applied) warn(applied.error());
-    } else if (auto* listener = std::get_if<scene::Listener>(&*item)) {
-      if (auto applied = scene.apply(*listener); !applied) warn(applied.error());
-    } else if (auto* frame = std::get_if<sheet::MeshFrame>(&*item)) {
-      if (frame->time_s > arguments.time_s + 1e-9) break;
-      if (!shown) shown = frame->sheet;
-      Sheet& sheet = sheets[frame->sheet];
-      std::vector<analysis::NeighbourSheet> others;
-      for (const auto& [id, other] : sheets) {
-        if (id == frame->sheet || !other.newest) continue;
-        const bool comparable = other.previous && other.previous->topology == other.newest->topology;
-        others.push_back({id, &*other.newest, comparable ? &*other.previous : nullptr, other.description.material});
-      }
-      sheet.observation = sheet.analyzer->analyze(
-          *frame, {&scene, others, sheet.description.touched_surface, sheet.description.material}, next_event_id);
-      for (const auto& event : sheet.observation.crumpling) sheet.recent.push_back(event);
-      std::erase_if(sheet.recent, [&](const auto& event) { return event.time_s < frame->time_s - kEventsShown_s; });
-      sheet.previous = std::move(sheet.newest);
-      sheet.newest = std::move(*frame);
-    }
+/// Empty: the arguments make sense together.
+std::string misuse(const InspectArguments& arguments) {
+  if (arguments.film && arguments.time_s)
+    return "--time draws one frame and --film several; leave one of them out (--from and --to bound a film)";
+  if (!arguments.film && !arguments.time_s)
+    return "say which moment: --time S for one frame, or --film N for N frames of the whole capture";
+  if (!arguments.film && (arguments.from_s || arguments.to_s || arguments.columns))
+    return "--from, --to and --columns are of a film; add --film N";
+  for (const auto& [name, value] :
+       {std::pair{"--time", arguments.time_s}, {"--from", arguments.from_s}, {"--to", arguments.to_s}}) {
+    if (value && !std::isfinite(*value)) return fmt::format("{} takes a time in s, as in {} 1.5", name, name);
   }
-  const auto found = shown ? sheets.find(*shown) : sheets.end();
-  if (found == sheets.end() || !found->second.newest) {
-    return tl::unexpected(fmt::format("{}: {} has no frame up to {} s; its first is at {:.3f} s", arguments.capture,
-                                      shown ? fmt::format("sheet {}", *shown) : "it", arguments.time_s,
-                                      source.first_time_s()));
+  const auto most_frames = static_cast<int>(report::kMostFilmFrames);
+  if (arguments.film && (*arguments.film < 1 || *arguments.film > most_frames))
+    return fmt::format("--film takes 1 to {} frames, not {}; try --film 12", most_frames, *arguments.film);
+  if (arguments.columns && (*arguments.columns < 1 || *arguments.columns > report::kMostFilmColumns)) {
+    return fmt::format("--columns takes 1 to {}, not {}; leave it out and a fitting number is chosen",
+                       report::kMostFilmColumns, *arguments.columns);
   }
-  Moment moment;
-  moment.frame = std::move(*found->second.newest);
-  moment.observation = std::move(found->second.observation);
-  moment.recent = std::move(found->second.recent);
-  moment.sheet_name = found->second.description.name;
-  for (const auto& [id, track] : scene.obstacles()) {
-    scene::Obstacle obstacle = track.description();
-    obstacle.pose = track.pose(moment.frame.time_s);
-    if (auto* mesh = std::get_if<scene::MeshShape>(&obstacle.shape)) track.vertices_m(moment.frame.time_s, mesh->vertices_m);
-    moment.obstacles.push_back(std::move(obstacle));
-  }
-  if (auto listener = scene.listener(moment.frame.time_s)) moment.listener_m = listener->position_m;
-  return moment;
+  if (arguments.from_s && arguments.to_s && *arguments.from_s > *arguments.to_s)
+    return fmt::format("--from {} is after --to {}; exchange them", *arguments.from_s, *arguments.to_s);
+  return output_conflict({arguments.capture}, {arguments.output});
 }
 
-report::EventMark mark_of(const observation::CrumplingEvent& event, sheet::SheetId sheet) {
-  report::EventMark mark;
-  mark.id = event.id;
-  mark.sheet = sheet;
-  mark.time_s = mark.end_s = event.time_s;
-  mark.amplitude = event.amplitude_m;
-  mark.area_m2 = event.area_m2;
-  mark.position_m = event.position_m;
-  return mark;
+std::vector<std::string> notices_of(const CaptureSource& source) {
+  std::vector<std::string> notices;
+  for (const auto& [code, refusals] : source.refused())
+    notices.push_back(fmt::format("{} left out, first: {}", counted(refusals.count, "message"), refusals.first));
+  if (!source.recovery().complete) notices.push_back(source.recovery().what);
+  return notices;
 }
 
-report::SheetView view_of(const Moment& moment, const analysis::RegionPicture& picture, const std::string& title) {
-  report::SheetView view;
-  const auto& topology = *picture.topology;
-  view.title = title;
-  view.time_s = moment.frame.time_s;
-  view.positions_m = picture.positions_m;
-  view.triangles.assign(topology.triangles().begin(), topology.triangles().end());
-  view.triangle_regions = picture.map.region;
-  view.region_curved = picture.map.region_curved;
-  for (const auto ridge : picture.map.ridge) view.ridge_triangles.push_back(ridge != 0);
-  view.curvature_per_m = picture.map.curvature_per_m;
-  view.ruling_directions = picture.map.ruling;
-  const auto borders = topology.border_edges();
-  for (std::size_t k = 0; k < borders.size(); ++k) {
-    view.borders.push_back(
-        {borders[k].start, borders[k].end, k < picture.map.free_border.size() ? picture.map.free_border[k] : 0.0f});
-  }
-  const bool own_mesh = picture.topology == moment.frame.topology;
-  if (own_mesh) {
-    view.anchored = moment.frame.anchored;
-    for (const auto& contact : moment.observation.friction) {
-      for (const auto& vertex : contact.vertices) view.contacts.push_back(vertex.vertex);
-    }
-  }
-  view.material_coordinates_m.assign(topology.material_coordinates_m().begin(), topology.material_coordinates_m().end());
-  for (const auto& event : moment.recent) view.events.push_back(mark_of(event, moment.frame.sheet));
-  view.obstacles = moment.obstacles;
-  view.listener_m = moment.listener_m;
-  if (!own_mesh) {
-    view.facts.emplace_back("Drawn on",
-                            fmt::format("the coarse proxy of {} triangles", moment.frame.topology->triangle_count()));
-  }
-  return view;
+std::string title_of(const InspectArguments& arguments, const InspectedMoment& moment) {
+  const auto stem = std::filesystem::path(arguments.capture).stem().string();
+  const bool named = !moment.sheet_name.empty() && moment.sheet_name != "sheet" && moment.sheet_name != stem;
+  return fmt::format("{}, sheet {}{}", stem, moment.sheet, named ? fmt::format(" \"{}\"", moment.sheet_name) : "");
 }
 
-int run(const InspectArguments& arguments) {
-  auto source = CaptureSource::open(arguments.capture);
-  if (!source) return complain(source.error(), std::filesystem::exists(arguments.capture) ? kFailed : kWrongUsage);
-  auto moment = analyse_until(arguments, *source);
-  if (!moment) return complain(moment.error(), kFailed);
-  const auto picture = analysis::picture_regions(moment->frame, analysis::Parameters{});
+nlohmann::ordered_json figures_of(const InspectedMoment& moment) {
+  return {{"time_s", moment.view.time_s},
+          {"triangles", moment.triangles},
+          {"regions", moment.regions.size()},
+          {"coarse_regions", moment.coarse_regions()},
+          {"ridge_triangles", moment.ridge_triangles},
+          {"touching_vertices", moment.touching_vertices},
+          {"sliding_contacts", moment.sliding_contacts},
+          {"events", moment.view.events.size()}};
+}
+
+std::string figures_text(const InspectedMoment& moment) {
+  return fmt::format("{}, {} ({} coarse), {}, {} touching {}, {}", counted(moment.triangles, "triangle"),
+                     counted(moment.regions.size(), "region"), moment.coarse_regions(),
+                     counted(moment.ridge_triangles, "ridge triangle"), moment.touching_vertices,
+                     moment.touching_vertices == 1 ? "vertex" : "vertices",
+                     counted(moment.sliding_contacts, "sliding contact"));
+}
+
+int show_frame(const InspectArguments& arguments, CaptureSource& source) {
+  constexpr double kEventsShown_s = 0.1;  // before the frame
+  Progress progress("analysing");
+  InspectedSheet inspected(source, arguments.sheet);
+  std::optional<double> shown_s;
+  while (inspected.next(*arguments.time_s + 1e-9)) {
+    shown_s = inspected.time_s();
+    inspected.forget_events_before(*shown_s - kEventsShown_s);
+    progress.show(source.progress());
+  }
+  if (!shown_s)
+    return complain(fmt::format("{}: {}", arguments.capture, inspected.nothing_until(*arguments.time_s)), kFailed);
+  InspectedMoment moment = inspected.moment();
+  moment.view.title = title_of(arguments, moment);
+  moment.view.events_over_s = kEventsShown_s;
   if (!arguments.output.empty()) {
-    const auto title = fmt::format("{} {}", std::filesystem::path(arguments.capture).stem().string(), moment->sheet_name);
-    if (auto drawn = report::write_sheet_png(arguments.output, view_of(*moment, picture, title)); !drawn)
-      return complain(drawn.error(), kFailed);
-  }
-  std::size_t contacts = 0, sliding = 0;
-  for (const auto& contact : moment->observation.friction) {
-    contacts += contact.vertices.size();
-    sliding += contact.speed_m_per_s > 1e-3 ? 1 : 0;
+    if (auto drawn = report::write_sheet_png(arguments.output, moment.view); !drawn) return complain(drawn.error(), kFailed);
   }
   if (arguments.json) {
     auto regions = nlohmann::ordered_json::array();
-    for (std::size_t k = 0; k < picture.regions.size(); ++k) {
-      const auto& r = picture.regions[k];
-      regions.push_back({{"curved", static_cast<bool>(picture.map.region_curved[k])},
+    for (std::size_t k = 0; k < moment.regions.size(); ++k) {
+      const auto& r = moment.regions[k];
+      regions.push_back({{"curved", static_cast<bool>(moment.view.region_curved[k])},
                          {"constrained", r.constrained},
                          {"coarse", r.coarse},
                          {"l_r_m", r.ruling_length_m},
@@ -170,36 +114,128 @@ int run(const InspectArguments& arguments) {
                          {"area_m2", r.area_m2},
                          {"position_m", {r.position_m.x(), r.position_m.y(), r.position_m.z()}}});
     }
-    fmt::print("{}\n", nlohmann::ordered_json{{"time_s", moment->frame.time_s},
-                                              {"sheet", moment->frame.sheet},
-                                              {"triangles", moment->frame.topology->triangle_count()},
+    fmt::print("{}\n", nlohmann::ordered_json{{"time_s", moment.view.time_s},
+                                              {"sheet", moment.sheet},
+                                              {"triangles", moment.triangles},
                                               {"regions", regions},
-                                              {"touching_vertices", contacts},
-                                              {"sliding_contacts", sliding},
-                                              {"recent_events", moment->recent.size()}}
+                                              {"ridge_triangles", moment.ridge_triangles},
+                                              {"touching_vertices", moment.touching_vertices},
+                                              {"sliding_contacts", moment.sliding_contacts},
+                                              {"recent_events", moment.view.events.size()}}
                            .dump());
   } else {
-    fmt::print(
-        "{} at {:.4f} s: {} triangles, {} regions, {} touching vertices, {} sliding contacts, {} events in the last {:.0f} "
-        "ms{}\n",
-        arguments.capture, moment->frame.time_s, moment->frame.topology->triangle_count(), picture.map.region_count,
-        contacts, sliding, moment->recent.size(), 1e3 * kEventsShown_s,
-        arguments.output.empty() ? "" : "; drawn to " + arguments.output);
+    fmt::print("{} at {:.4f} s: {}, {} in the last {:.0f} ms{}\n", arguments.capture, moment.view.time_s,
+               figures_text(moment), counted(moment.view.events.size(), "event"), 1e3 * kEventsShown_s,
+               arguments.output.empty() ? "" : "; drawn to " + arguments.output);
   }
   return kDone;
+}
+
+/// The frames nearest to `count` times evenly spread from `from_s` to `to_s`, each once. Indices into `times_s`, ascending.
+std::vector<std::size_t> spread(const std::vector<double>& times_s, double from_s, double to_s, std::size_t count) {
+  std::vector<std::size_t> chosen;
+  for (std::size_t k = 0; k < count; ++k) {
+    const double share = count == 1 ? 0.5 : static_cast<double>(k) / static_cast<double>(count - 1);
+    const double wanted_s = from_s + share * (to_s - from_s);
+    std::size_t nearest = times_s.size();
+    for (std::size_t i = 0; i < times_s.size(); ++i) {
+      if (times_s[i] < from_s - 1e-9 || times_s[i] > to_s + 1e-9) continue;
+      if (nearest == times_s.size() || std::abs(times_s[i] - wanted_s) < std::abs(times_s[nearest] - wanted_s)) nearest = i;
+    }
+    if (nearest < times_s.size()) chosen.push_back(nearest);
+  }
+  std::sort(chosen.begin(), chosen.end());
+  chosen.erase(std::unique(chosen.begin(), chosen.end()), chosen.end());
+  return chosen;
+}
+
+int show_film(const InspectArguments& arguments, CaptureSource& source) {
+  auto ahead = CaptureSource::open(arguments.capture);
+  if (!ahead) return complain(ahead.error(), kFailed);
+  const SheetTimes times = sheet_times(*ahead, arguments.sheet);
+  if (times.times_s.empty()) return complain(fmt::format("{}: {}", arguments.capture, times.nothing()), kFailed);
+  const auto [first, last] = std::minmax_element(times.times_s.begin(), times.times_s.end());
+  report::Film film;
+  film.from_s = arguments.from_s.value_or(*first);
+  film.to_s = arguments.to_s.value_or(*last);
+  film.columns = arguments.columns.value_or(0);
+  const auto chosen = spread(times.times_s, film.from_s, film.to_s, static_cast<std::size_t>(*arguments.film));
+  if (chosen.empty()) {
+    return complain(fmt::format("{}: sheet {} has no frame from {} to {} s; its frames are from {:.3f} to {:.3f} s",
+                                arguments.capture, times.sheet, film.from_s, film.to_s, *first, *last),
+                    kFailed);
+  }
+  film.from_s = std::max(film.from_s, *first);
+  film.to_s = std::min(film.to_s, *last);
+
+  InspectedSheet inspected(source, times.sheet);
+  auto frames = nlohmann::ordered_json::array();
+  std::string lines;
+  {
+    Progress progress("analysing");
+    std::size_t index = 0, taken = 0;
+    for (; taken < chosen.size() && inspected.next(std::numeric_limits<double>::infinity()); ++index) {
+      progress.show(static_cast<double>(index) / static_cast<double>(chosen.back() + 1));
+      inspected.forget_events_before(film.from_s);
+      if (index != chosen[taken]) continue;
+      const InspectedMoment moment = inspected.moment();
+      inspected.forget_events_before(std::numeric_limits<double>::infinity());
+      if (taken++ == 0) film.title = title_of(arguments, moment);
+      frames.push_back(figures_of(moment));
+      lines += fmt::format("{:9.4f} s: {}, {}\n", moment.view.time_s, figures_text(moment),
+                           counted(moment.view.events.size(), "event"));
+      film.frames.push_back(moment.view);
+    }
+  }
+  film.title += fmt::format(": {} from {:.3f} to {:.3f} s", counted(film.frames.size(), "frame"), film.from_s, film.to_s);
+  const auto from_s = film.from_s, to_s = film.to_s;
+  if (!arguments.output.empty()) {
+    if (auto drawn = report::write_film_png(arguments.output, std::move(film)); !drawn)
+      return complain(drawn.error(), kFailed);
+  }
+  if (arguments.json) {
+    fmt::print(
+        "{}\n",
+        nlohmann::ordered_json{{"sheet", times.sheet}, {"from_s", from_s}, {"to_s", to_s}, {"frames", frames}}.dump());
+  } else {
+    fmt::print("{}", lines);
+    fmt::print("{}: {} of {} from {:.3f} to {:.3f} s; events are those since the line before{}\n", arguments.capture,
+               counted(chosen.size(), "frame"), times.times_s.size(), from_s, to_s,
+               arguments.output.empty() ? "" : "; drawn to " + arguments.output);
+  }
+  return kDone;
+}
+
+int run(const InspectArguments& arguments) {
+  if (auto wrong = misuse(arguments); !wrong.empty()) return complain(wrong, kWrongUsage);
+  auto source = CaptureSource::open(arguments.capture);
+  if (!source) return complain(source.error(), std::filesystem::exists(arguments.capture) ? kFailed : kWrongUsage);
+  const int status = arguments.film ? show_film(arguments, *source) : show_frame(arguments, *source);
+  if (status != kDone) return status;
+  while (source->next()) {  // whether the file ends as it should shows at its end only
+  }
+  return done_with(notices_of(*source));
 }
 
 }  // namespace
 
 void add_inspect(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<InspectArguments>();
-  auto* command = app.add_subcommand("inspect", "Draw what the analysis sees in one frame of a capture");
-  command->footer("Example: rustle inspect crumple.mcap --time 1.5 -o frame.png");
+  auto* command = app.add_subcommand("inspect", "Draw what the analysis sees in a capture: one frame, or a film of several");
+  command->footer(
+      "Example: rustle inspect crumple.mcap --time 1.5 -o frame.png\n"
+      "         rustle inspect crumple.mcap --film 12 --from 0.5 --to 2 -o film.png\n"
+      "Drawn are regions, rulings, ridges, free borders, contacts and events. A film is one picture of N frames evenly\n"
+      "spread over the time, with one camera and scale; its events are those since the frame before.");
   command->add_option("CAPTURE", arguments->capture, "The capture (.mcap)")->required();
-  command->add_option("--time", arguments->time_s, "Simulation time in s: the last frame up to it is shown")->required();
+  command->add_option("--time", arguments->time_s, "Simulation time in s: the last frame up to it is shown");
+  command->add_option("--film", arguments->film, "Show so many frames, 1 to 100");
+  command->add_option("--from", arguments->from_s, "Simulation time in s at which a film begins; the capture's when absent");
+  command->add_option("--to", arguments->to_s, "Simulation time in s at which a film ends; the capture's when absent");
+  command->add_option("--columns", arguments->columns, "Frames side by side in a film, 1 to 20; chosen when absent");
   command->add_option("--sheet", arguments->sheet, "Id of the sheet; the first one when absent");
   command->add_option("-o,--output", arguments->output, "PNG file to draw");
-  command->add_flag("--json", arguments->json, "Print regions and contacts as JSON");
+  command->add_flag("--json", arguments->json, "Print regions, contacts and events as JSON");
   command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }
 

@@ -83,7 +83,7 @@ TEST_CASE("best_view looks at a standing sheet from its broad side") {
   SheetView view;
   view.positions_m = {{0, 0, 0}, {0, 1, 0}, {0, 1, 1}, {0, 0, 1}};
   view.triangles = {{0, 1, 2}, {0, 2, 3}};
-  const double azimuth = best_view(view, {90, 30}).azimuth_deg;
+  const double azimuth = best_view(std::span(&view, 1), {90, 30}).azimuth_deg;
   CHECK(std::abs(std::cos(azimuth * std::numbers::pi / 180)) == Approx(1));
 }
 
@@ -105,8 +105,18 @@ TEST_CASE("marks appear when given and only then") {
   v.borders = {{0, 1, 1.0}};
   CHECK(differs(v));
   v = view;
-  v.contacts = {5};
+  v.contacts = {{{0.1, 0.1, 0.2}, std::nullopt, true}};
   CHECK(differs(v));
+  const Image sliding = sheet_picture(v);
+  v.contacts[0].sliding = false;
+  CHECK(differs(v));
+  CHECK(sheet_picture(v).pixels != sliding.pixels);
+  v = view;
+  v.resonators = {{false, false, 0.21, 0.3, 0.03}, {true, false, 0, 0, 0.03}};
+  CHECK(differs(v));
+  const Image exact = sheet_picture(v);
+  v.resonators[0].coarse = true;
+  CHECK(sheet_picture(v).pixels != exact.pixels);
   v = view;
   v.anchored.assign(v.positions_m.size(), false);
   v.anchored[0] = true;
@@ -130,7 +140,9 @@ TEST_CASE("no sheet, indices that do not exist and points that are not finite co
   view.triangle_regions.push_back(77777777);
   view.triangle_regions[0] = sheet::kNone;
   view.borders = {{0, 999, 1}};
-  view.contacts = {999, 3};
+  view.contacts = {{Vec3d::Constant(std::numeric_limits<double>::quiet_NaN()), std::nullopt, true}};
+  view.resonators.assign(3, {});
+  view.region_colours = {3, 4};
   view.anchored.assign(500, true);
   view.ridge_edges = {{999, 0}};
   view.rulings_m = {{{0, 0, 0}, {std::numeric_limits<double>::infinity(), 0, 0}}};
@@ -146,6 +158,41 @@ TEST_CASE("no sheet, indices that do not exist and points that are not finite co
   const auto refused = write_sheet_png("/nowhere/frame.png", view);
   REQUIRE_FALSE(refused);
   CHECK(refused.error().find("/nowhere/frame.png") != std::string::npos);
+}
+
+TEST_CASE("colours stay with their regions, whatever their labels and the mesh") {
+  SheetView before = rolled_sheet(30, 20);
+  before.region_colours = {7, 2};
+  SheetView after = before;
+  for (auto& region : after.triangle_regions) region = 1 - region;
+  CHECK(continued_categories(before, after) == std::vector<int>{2, 7});
+
+  SheetView other_mesh = rolled_sheet(23, 17);
+  for (auto& region : other_mesh.triangle_regions) region = 1 - region;
+  CHECK(continued_categories(before, other_mesh) == std::vector<int>{2, 7});
+  for (auto& p : other_mesh.positions_m) p += sheet::Vec3f(5, 6, 7);
+  other_mesh.material_coordinates_m.clear();
+  CHECK(continued_categories(before, other_mesh) == std::vector<int>{2, 7});
+
+  SheetView split = before;  // the left region falls into a larger and a smaller part: the larger keeps the colour
+  for (std::size_t t = 0; t < split.triangles.size(); ++t) {
+    if (t / 2 % 30 < 4) split.triangle_regions[t] = 2;
+  }
+  const std::vector<int> categories = continued_categories(before, split);
+  REQUIRE(categories.size() == 3);
+  CHECK(categories[0] == 7);
+  CHECK(categories[1] == 2);
+  CHECK(categories[2] != 7);
+  CHECK(categories[2] != 2);
+  CHECK(categories[2] < kCategories);
+}
+
+TEST_CASE("the largest regions come first") {
+  SheetView view;
+  view.resonators = {{true, false, 0, 0, 0.1}, {true, false, 0, 0, 0.3}, {true, false, 0, 0, 0.2}};
+  CHECK(largest_regions(view, 2) == std::vector<std::size_t>{1, 2});
+  CHECK(largest_regions(view, 9).size() == 3);
+  CHECK(largest_regions({}, 3).empty());
 }
 
 TEST_CASE("wires lie on their obstacle") {
