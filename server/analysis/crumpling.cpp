@@ -189,13 +189,15 @@ CrumplingEvent describe(const std::vector<std::uint32_t>& flip, const std::vecto
 }
 
 void remember(const CrumplingInputs& in, const Parameters& parameters, CrumplingState& state) {
-  std::vector<float> spare;
-  while (state.past.size() > 2 && state.past[1].time_s <= in.time_s - parameters.event_window_s) {
-    spare = std::move(state.past.front().curvature_per_m);
-    state.past.pop_front();
+  auto& past = state.past;
+  while (past.size() > 2 && past[1].time_s <= in.time_s - parameters.event_window_s) {
+    state.spare_per_m.push_back(std::move(past.front().curvature_per_m));
+    past.erase(past.begin());
   }
-  spare.assign(state.now.mean_per_m.begin(), state.now.mean_per_m.end());
-  state.past.push_back({in.time_s, std::move(spare)});
+  if (state.spare_per_m.empty()) state.spare_per_m.emplace_back();
+  state.spare_per_m.back().assign(state.now.mean_per_m.begin(), state.now.mean_per_m.end());
+  past.push_back({in.time_s, std::move(state.spare_per_m.back())});
+  state.spare_per_m.pop_back();
   state.curvature_per_m.swap(state.now.mean_per_m);
   state.time_s = in.time_s;
 }

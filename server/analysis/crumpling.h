@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <span>
 #include <vector>
@@ -29,11 +28,12 @@ struct CrumplingState {
     double time_s;
     std::vector<float> curvature_per_m;
   };
-  std::deque<Past> past;  ///< H over the amplitude window
+  std::vector<Past> past;  ///< H over the amplitude window, oldest first
 
   // Scratch, kept so that a warm frame allocates nothing.
   Curvature now;
   std::vector<std::uint32_t> seeds;
+  std::vector<std::vector<float>> spare_per_m;
 };
 
 struct CrumplingInputs {

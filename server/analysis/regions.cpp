@@ -19,8 +19,8 @@ using sheet::Vec3f;
 constexpr double kSharpPull = 0.1;  // a side across a fold ties a sliver to its neighbour this much
 constexpr double kEmptyFit = 1e-9;  // of the trace: with less left after masking, nothing is known
 constexpr int kRidgeLayers = 2;
-constexpr float kNearLimit = 0.6f;
-constexpr float kInside = 0.7f;  // of the level nearby: what a place well inside a bend has
+constexpr float kNearLimit = 0.6f;  // of a_max: with less mean bending around a corner, no ridge is sought there
+constexpr float kInside = 0.7f;     // of the level nearby: what a place well inside a bend has
 constexpr std::size_t kBatch = 128;
 using Lanes = float[kBatch];
 
@@ -134,15 +134,16 @@ void find_ridges(const RegionStencils& s, const Parameters& parameters, RegionSc
   map.bend_rad.assign(count, 0.0f);
   scratch.skirt.clear();
   // Where the mean bending |θ||e| over the hinge areas around a corner does not come near a_max, there is no ridge.
-  scratch.hidden.resize(scratch.moments.size());
-  for (std::size_t n = 0; n < scratch.moments.size(); ++n) {
-    scratch.hidden[n] = scratch.moments[n][3] * s.node_ridge_share[n] > kNearLimit * limit;
+  std::vector<std::uint8_t>& bent = scratch.bent;
+  bent.resize(scratch.moments.size());
+  for (std::size_t n = 0; n < bent.size(); ++n) {
+    bent[n] = scratch.moments[n][3] * s.node_ridge_share[n] > kNearLimit * limit;
   }
   scratch.ridges.clear();
   for (std::uint32_t f = 0; f < count; ++f) {
     const sheet::Triangle& v = s.topology->triangles()[f];
     const auto& node = s.nodes.of_vertex;
-    if (scratch.hidden[node[v[0]]] | scratch.hidden[node[v[1]]] | scratch.hidden[node[v[2]]]) scratch.ridges.push_back(f);
+    if (bent[node[v[0]]] | bent[node[v[1]]] | bent[node[v[2]]]) scratch.ridges.push_back(f);
   }
   if (scratch.ridges.empty()) return;
   const auto& hinges = s.basis.hinges;
@@ -433,10 +434,11 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Para
   // Those left are numbered in their order; every other takes the number of what it joined.
   map.region_area_m2.clear();
   map.region_perimeter_m.clear();
-  scratch.ridges.resize(count);
+  std::vector<std::uint32_t>& number = scratch.renumbered;
+  number.resize(count);
   for (std::uint32_t r = 0; r < count; ++r) {
     if (!parts[r].alive) continue;
-    scratch.ridges[r] = static_cast<std::uint32_t>(map.region_area_m2.size());
+    number[r] = static_cast<std::uint32_t>(map.region_area_m2.size());
     map.region_area_m2.push_back(parts[r].area_m2);
     map.region_perimeter_m.push_back(parts[r].perimeter_m);
   }
@@ -445,9 +447,9 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Para
   for (std::uint32_t r = 0; r < count; ++r) {
     std::uint32_t host = r;
     while (scratch.numbers[host] != host) host = scratch.numbers[host];
-    if (host != r) scratch.ridges[r] = scratch.ridges[host];
+    if (host != r) number[r] = number[host];
   }
-  for (std::uint32_t& l : label) l = scratch.ridges[l];
+  for (std::uint32_t& l : label) l = number[l];
 }
 
 /// Where along the border one smooth region ends and the next begins, within the edges on either side: between the signs of

@@ -96,7 +96,7 @@ struct RegionScratch {
   std::vector<Moment> moments;    ///< [N]
   std::vector<Moment> tensor;     ///< [V] M: xx, xy, yy
   std::vector<Moment> ridge_moments;
-  std::vector<std::uint8_t> skirt, grown, hidden, changed;
+  std::vector<std::uint8_t> skirt, grown, hidden, changed, bent;
   std::vector<Eigen::Matrix3d> removed;
   struct Level {
     float up = -1, down = 0;  ///< up < 0: not known yet
@@ -107,7 +107,7 @@ struct RegionScratch {
   std::vector<std::int8_t> sign;     ///< [T]
   std::vector<std::uint8_t> curved;  ///< [T]
   std::vector<double> curved_area_m2;
-  std::vector<std::uint32_t> ridges, numbers;
+  std::vector<std::uint32_t> ridges, numbers, renumbered;
   sheet::DisjointSets sets{0};
   struct Beside {
     std::uint32_t region;

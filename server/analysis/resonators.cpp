@@ -136,9 +136,13 @@ std::vector<Resonator> ResonatorFinder::reached_from(std::span<const std::uint32
   if (!reach.known) join_reachable(stop, reach.sets), reach.known = true;
   sounding_.assign(map_->region_count, 0);
   for (const std::uint32_t f : triangles) sounding_[reach.sets.find(map_->region[f])] = 1;
+  const auto sounds = [&](std::uint32_t r) { return sounding_[reach.sets.find(r)] && !triangles_of(r).empty(); };
+  std::size_t count = 0;
+  for (std::uint32_t r = 0; r < map_->region_count; ++r) count += sounds(r) ? 1 : 0;
   std::vector<Resonator> out;
+  out.reserve(count);
   for (std::uint32_t r = 0; r < map_->region_count; ++r) {
-    if (sounding_[reach.sets.find(r)] && !triangles_of(r).empty()) out.push_back(region(r));
+    if (sounds(r)) out.push_back(region(r));
   }
   return out;
 }

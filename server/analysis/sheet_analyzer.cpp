@@ -247,17 +247,16 @@ void SheetAnalyzer::remember_bending(double time_s) {
   for (const float h : curvature_per_m) sum += std::abs(h);
   const double bending_per_m = curvature_per_m.empty() ? 0 : sum / static_cast<double>(curvature_per_m.size());
   auto& bent = state_.bent;
-  std::vector<Vec3f> relative_m;  // of an entry that goes, so that a warm frame allocates nothing
-  while (!bent.empty() && bent.front().time_s < time_s - parameters_.flip_memory_s) {
-    relative_m.swap(bent.front().relative_m);
-    bent.pop_front();
-  }
-  while (!bent.empty() && bent.back().bending_per_m <= bending_per_m) {
-    relative_m.swap(bent.back().relative_m);
-    bent.pop_back();
-  }
-  relative_m.assign(scratch_.relative_m.begin(), scratch_.relative_m.end());
-  bent.push_back({time_s, bending_per_m, std::move(relative_m)});
+  const auto let_go = [&](auto entry) {  // its memory is used again
+    scratch_.spare_m.push_back(std::move(entry->relative_m));
+    bent.erase(entry);
+  };
+  while (!bent.empty() && bent.front().time_s < time_s - parameters_.flip_memory_s) let_go(bent.begin());
+  while (!bent.empty() && bent.back().bending_per_m <= bending_per_m) let_go(bent.end() - 1);
+  if (scratch_.spare_m.empty()) scratch_.spare_m.emplace_back();
+  scratch_.spare_m.back().assign(scratch_.relative_m.begin(), scratch_.relative_m.end());
+  bent.push_back({time_s, bending_per_m, std::move(scratch_.spare_m.back())});
+  scratch_.spare_m.pop_back();
 }
 
 std::vector<observation::TearEvent> SheetAnalyzer::sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id) {

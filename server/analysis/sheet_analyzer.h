@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
@@ -65,7 +64,7 @@ class SheetAnalyzer {
     std::vector<sheet::Vec3f> last_positions_m;     ///< of `last`, at the vertices of the present topology
     std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
     double earlier_s = 0;
-    std::deque<BentShape> bent;  ///< of the flip memory, each more bent than those after it
+    std::vector<BentShape> bent;  ///< of the flip memory, each more bent than those after it
     std::map<std::uint32_t, TearTip> tips;
   };
   /// Kept so that a warm frame allocates nothing.
@@ -78,6 +77,7 @@ class SheetAnalyzer {
     Holds holds;
     std::vector<std::uint8_t> marks;
     std::vector<std::uint32_t> vertices, triangles;
+    std::vector<std::vector<sheet::Vec3f>> spare_m;
   };
 
   void forget();

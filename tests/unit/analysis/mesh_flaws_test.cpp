@@ -21,17 +21,6 @@ using sheets::SheetMesh;
 
 namespace {
 
-scene::SceneState table_at_zero() {
-  scene::SceneState scene;
-  scene::SceneUpdate update;
-  scene::Obstacle table;
-  table.id = 5;
-  table.shape = scene::PlaneShape{};
-  update.obstacles = {table};
-  REQUIRE(scene.apply(update));
-  return scene;
-}
-
 bool finite(const Resonator& r) {
   return std::isfinite(r.ruling_length_m) && std::isfinite(r.free_border_length_m) && std::isfinite(r.area_m2) &&
          r.position_m.allFinite() && r.normal.allFinite() && std::isfinite(r.normal_spread) && r.covariance_m2.allFinite() &&
@@ -70,7 +59,7 @@ struct Heard {
 /// Bends, snaps and slides the mesh over a table with an anchor and a tear tip; everything that comes out is finite.
 Heard exercise(const std::shared_ptr<const sheet::Topology>& topology,
                const std::function<Vec3f(std::size_t vertex, const test::Map& map)>& place) {
-  const auto scene = table_at_zero();
+  const auto scene = test::table_at_zero();
   analysis::SheetSurroundings surroundings;
   surroundings.scene = &scene;
   analysis::SheetAnalyzer analyzer(1, {});

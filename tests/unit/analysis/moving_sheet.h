@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -8,6 +9,7 @@
 #include "client_sdk/sheets/rectangle.h"
 #include "client_sdk/sheets/shape.h"
 #include "server/analysis/sheet_analyzer.h"
+#include "server/scene/scene_state.h"
 
 /// Procedural sheets as mesh frames.
 namespace rustle::test {
@@ -54,6 +56,18 @@ inline Map arc(double curvature_per_m, double width_m = 0.297) {
 
 inline Map moved(const Map& map, const Eigen::Quaterniond& turn, const sheet::Vec3d& shift_m) {
   return [=](double u, double v) { return sheet::Vec3d(turn * map(u, v) + shift_m); };
+}
+
+/// A table of the plane z = 0.
+inline scene::SceneState table_at_zero() {
+  scene::SceneState scene;
+  scene::SceneUpdate update;
+  scene::Obstacle table;
+  table.id = 5;
+  table.shape = scene::PlaneShape{};
+  update.obstacles = {table};
+  if (!scene.apply(update)) std::abort();
+  return scene;
 }
 
 }  // namespace rustle::test

@@ -46,18 +46,6 @@ void check(const std::vector<Resonator>& found, const std::vector<Answer>& answe
   }
 }
 
-/// A5-like strip bent to an arch that stands on the table along its two straight edges.
-scene::SceneState table_at_zero() {
-  scene::SceneState scene;
-  scene::SceneUpdate update;
-  scene::Obstacle table;
-  table.id = 5;
-  table.shape = scene::PlaneShape{};
-  update.obstacles = {table};
-  REQUIRE(scene.apply(update));
-  return scene;
-}
-
 }  // namespace
 
 TEST_CASE("regions, rulings and free borders of the sheets with known answers") {
@@ -180,7 +168,7 @@ TEST_CASE("the simulator's own partition is used when it is sent") {
 }
 
 TEST_CASE("sliding flat is constrained, sliding on two edges leaves the curved borders free, resting seeks nothing") {
-  const auto scene = table_at_zero();
+  const auto scene = test::table_at_zero();
   analysis::SheetSurroundings surroundings;
   surroundings.scene = &scene;
   const auto mesh = sheets::make_rectangle(MeshKind::kDelaunay, 0.297, 0.210, 1333);
@@ -269,7 +257,7 @@ TEST_CASE("broken and tiny meshes pass through, finite") {
                                                            {{0, 1, 2}, {0, 1, 2}, {2, 1, 0}},
                                                            {{0, 0, 1}, {3, 4, 5}},
                                                            {{0, 1, 2}, {0, 1, 3}, {1, 0, 4}, {1, 0, 5}}};
-  const auto scene = table_at_zero();
+  const auto scene = test::table_at_zero();
   analysis::SheetSurroundings surroundings;
   surroundings.scene = &scene;
   for (const auto& triangles : cases) {

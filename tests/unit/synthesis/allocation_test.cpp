@@ -1,71 +1,8 @@
 #include <catch2/catch.hpp>
 
-#include <cstddef>
-#include <cstdlib>
-#include <new>
-
 #include "server/synthesis/limiter.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/unit/synthesis/rig.h"
-
-namespace {
-
-thread_local bool guarded = false;
-thread_local int allocations = 0;
-
-void* counted(std::size_t size, std::size_t alignment = alignof(std::max_align_t)) noexcept {
-  if (guarded) ++allocations;
-  return std::aligned_alloc(alignment, (size + alignment) / alignment * alignment);
-}
-
-void* counted_or_throw(std::size_t size, std::size_t alignment = alignof(std::max_align_t)) {
-  if (void* p = counted(size, alignment)) return p;
-  throw std::bad_alloc();
-}
-
-}  // namespace
-
-void* operator new(std::size_t size) {
-  return counted_or_throw(size);
-}
-void* operator new[](std::size_t size) {
-  return counted_or_throw(size);
-}
-void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
-  return counted(size);
-}
-void* operator new[](std::size_t size, const std::nothrow_t&) noexcept {
-  return counted(size);
-}
-void* operator new(std::size_t size, std::align_val_t at) {
-  return counted_or_throw(size, static_cast<std::size_t>(at));
-}
-void* operator new[](std::size_t size, std::align_val_t at) {
-  return counted_or_throw(size, static_cast<std::size_t>(at));
-}
-void operator delete(void* p) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::size_t) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
-}
 
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
@@ -88,19 +25,18 @@ TEST_CASE("Taking cues and rendering allocate nothing, stealing and overflow inc
   rig.planner.release(INT64_MAX, rig.cues);
   Limiter limiter(48000);
   float* channels[] = {rig.quantum.data(), rig.quantum.data() + kQuantum};
-  allocations = 0;
-  guarded = true;
-  for (int k = 0; k < 600; ++k, rig.now += kQuantum) {
-    for (const Cue& cue : rig.cues) {
-      if (start_of(cue) >= rig.now && start_of(cue) < rig.now + kQuantum) rig.mixer.apply(cue);
+  const int allocations = rustle::test_support::allocations_of([&] {
+    for (int k = 0; k < 600; ++k, rig.now += kQuantum) {
+      for (const Cue& cue : rig.cues) {
+        if (start_of(cue) >= rig.now && start_of(cue) < rig.now + kQuantum) rig.mixer.apply(cue);
+      }
+      rig.mixer.render(rig.now, rig.quantum);
+      limiter.process(channels, kQuantum);
+      (void)rig.mixer.silent();
     }
+    for (const Cue& cue : rig.cues) rig.mixer.apply(cue);
     rig.mixer.render(rig.now, rig.quantum);
-    limiter.process(channels, kQuantum);
-    (void)rig.mixer.silent();
-  }
-  for (const Cue& cue : rig.cues) rig.mixer.apply(cue);
-  rig.mixer.render(rig.now, rig.quantum);
-  guarded = false;
+  });
   CHECK(allocations == 0);
   CHECK(rig.mixer.counters().voices_stolen > 0);
   CHECK(rig.mixer.counters().sources_dropped > 0);

@@ -1,63 +1,14 @@
-#include <cstdlib>
 #include <functional>
-#include <new>
+#include <optional>
 
 #include <catch2/catch.hpp>
 
 #include "server/analysis/contacts.h"
+#include "server/analysis/sheet_analyzer.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/unit/analysis/contact_sheets.h"
 
 using namespace contact_tests;
-
-namespace {
-
-thread_local bool counting = false;
-thread_local int allocations = 0;
-
-void* counted(std::size_t size, std::size_t alignment = alignof(std::max_align_t)) {
-  if (counting) ++allocations;
-  if (void* p = std::aligned_alloc(alignment, (size + alignment) / alignment * alignment)) return p;
-  throw std::bad_alloc();
-}
-
-}  // namespace
-
-void* operator new(std::size_t size) {
-  return counted(size);
-}
-void* operator new[](std::size_t size) {
-  return counted(size);
-}
-void* operator new(std::size_t size, std::align_val_t at) {
-  return counted(size, static_cast<std::size_t>(at));
-}
-void* operator new[](std::size_t size, std::align_val_t at) {
-  return counted(size, static_cast<std::size_t>(at));
-}
-void operator delete(void* p) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::size_t) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
-}
 
 TEST_CASE("A warm tracker allocates what it returns and nothing else", "[contacts]") {
   const scene::SceneState table = table_at();
@@ -100,13 +51,36 @@ TEST_CASE("A warm tracker allocates what it returns and nothing else", "[contact
       around.touched_surface = around.material = "wood";
       NeighbourSheet neighbour{2, &below[k], n > 0 ? &below[last] : nullptr, "wood"};
       if (scene.other) around.others = {&neighbour, 1};
-      allocations = 0;
-      counting = warm;
-      const auto contacts = tracker.update(frames[k], n > 0 ? &frames[last] : nullptr, around, kRadius_m, next_id);
-      counting = false;
+      std::vector<observation::FrictionContact> contacts;
+      const int allocations = rustle::test_support::allocations_of(
+          [&] { contacts = tracker.update(frames[k], n > 0 ? &frames[last] : nullptr, around, kRadius_m, next_id); });
       CHECK(contacts.empty() != scene.touches);
       // The list, and the vertices of each.
       if (warm) CHECK(allocations == (contacts.empty() ? 0 : static_cast<int>(1 + contacts.size())));
+    }
+  }
+}
+
+TEST_CASE("A warm analyzer allocates what it returns and nothing else", "[contacts]") {
+  const scene::SceneState table = table_at();
+  const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, 1333);
+  const auto topology = topology_of(mesh);
+  for (const bool touching : {false, true}) {
+    INFO(touching);
+    analysis::SheetAnalyzer analyzer(1, {});
+    std::uint64_t next_id = 1;
+    SheetSurroundings around = only(table);
+    around.touched_surface = around.material = "wood";
+    for (int k = 0; k < 80; ++k) {
+      const double t = k / 60.0, lift_m = touching ? 0 : 0.02;
+      const MeshFrame frame =
+          frame_at(topology, mesh, t, [&](double u, double v) { return Vec3d(curled(u, v) + Vec3d(0.1 * t, 0, lift_m)); });
+      std::optional<observation::Observation> seen;
+      const int allocations = rustle::test_support::allocations_of([&] { seen = analyzer.analyze(frame, around, next_id); });
+      REQUIRE(seen->friction.empty() != touching);
+      // The list of contacts, of each the vertices and the resonators, and the vertices of one too small to be told yet.
+      const auto returned = touching ? 2 + 2 * seen->friction.size() : 0;
+      if (k >= 50) CHECK(allocations <= static_cast<int>(returned));
     }
   }
 }
