@@ -385,7 +385,7 @@ tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
       if (connection().breaks != breaks)
         return tl::unexpected(local_error("unreachable",
                                           "The connection to " + endpoints_.control + " broke before the answer came.",
-                                          "Ask again; if rustled was started anew, attach first."));
+                                          "Ask again; if rustled has ended, start it again and attach anew."));
       continue;
     }
     const auto parts = control_.receive();
