@@ -8,7 +8,7 @@
 namespace rustle::analysis {
 namespace {
 
-constexpr double kCellsPerRadius = 3.5;
+constexpr double kCellsPerRadius = 3.5;  // nodes of a fine mesh are cells of the kernel radius over this
 
 void link_neighbours(CurvatureStencils& out) {
   const sheet::Topology& topology = *out.topology;

@@ -12,7 +12,7 @@ using sheet::Vec2d;
 
 // The marginal of (1-(d/r)²)² at its centre is 3.2/(π r): with r = 3.2/π · width a sharp fold of angle a peaks at a / width.
 constexpr double kRidgeRadiusPerWidth = 3.2 / std::numbers::pi;
-constexpr double kCellsPerRadius = 5;  // nodes of the tensor fit
+constexpr double kCellsPerRadius = 5;  // nodes of the tensor fit, as for H
 constexpr double kNearRadius = 0.62;   // of the tensor's
 constexpr double kGradedRatio = 2.5;
 
