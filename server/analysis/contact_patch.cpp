@@ -6,6 +6,8 @@
 #include <numeric>
 #include <utility>
 
+#include "server/sheet/simd.h"
+
 namespace rustle::analysis {
 namespace {
 
@@ -22,14 +24,84 @@ constexpr double kPlaneTolerance = 0.03;  ///< of the radius
 constexpr double kLevel = 1e-6;           ///< of the radius: a triangle with less height lies level
 
 struct GaussPoint {
-  double place, share;  ///< on [0, 1]
+  float place, share;  ///< on [0, 1]
 };
-constexpr std::array<GaussPoint, 2> kQuadratic = {{{0.21132486540518713, 0.5}, {0.78867513459481287, 0.5}}};
 constexpr std::array<GaussPoint, 3> kQuintic = {
-    {{0.11270166537925831, 5.0 / 18}, {0.5, 8.0 / 18}, {0.88729833462074169, 5.0 / 18}}};
+    {{0.11270166537925831f, 5.0f / 18}, {0.5f, 8.0f / 18}, {0.88729833462074169f, 5.0f / 18}}};
 
 Vec3d tangential(const Vec3d& velocity_m_per_s, const Vec3d& normal) {
   return velocity_m_per_s - normal * normal.dot(velocity_m_per_s);
+}
+
+/// What integrate_lines() works with, by lane: one over differences of distance, and the kinks of the weight, distances from
+/// that of the lowest corner.
+struct Heights {
+  PlaneBatch::Lanes per_rise, per_below, per_above, kinks[4];
+};
+
+RUSTLE_SIMD void prepare(PlaneBatch& b, Heights& h) {
+  for (std::size_t i = 0; i < PlaneBatch::kLanes; ++i) {
+    const float d1 = b.middle_m[i], d2 = b.rise_m[i], above = d2 - d1;
+    h.per_rise[i] = 1 / d2;
+    h.per_below[i] = d1 > 0 ? 1 / d1 : 0.0f;
+    h.per_above[i] = above > 0 ? 1 / above : 0.0f;
+    const float low = b.lowest_m[i] > 0 ? b.lowest_m[i] : 0.0f, high = d2 < b.radius_m[i] ? d2 : b.radius_m[i];
+    const float middle = d1 < low ? low : d1 > high ? high : d1;
+    const float full = b.full_m[i] < low ? low : b.full_m[i] > high ? high : b.full_m[i];
+    h.kinks[0][i] = low;
+    h.kinks[1][i] = middle < full ? middle : full;
+    h.kinks[2][i] = middle < full ? full : middle;
+    h.kinks[3][i] = high;
+    b.beyond[i] = 0;
+  }
+}
+
+/// Adds what lies about one of the points of an interval between kinks. The line at one distance runs from the side between
+/// lowest and highest corner to one of the others.
+RUSTLE_SIMD void add_lines(PlaneBatch& b, const Heights& h, std::size_t interval, float place, float share, float per_fade) {
+  for (std::size_t i = 0; i < PlaneBatch::kLanes; ++i) {
+    const float start = h.kinks[interval][i], height = h.kinks[interval + 1][i] - start, level = start + place * height;
+    const bool below = level < b.middle_m[i];
+    const float q = level * h.per_rise[i];
+    const float p = below ? level * h.per_below[i] : (b.rise_m[i] - level) * h.per_above[i];
+    const float b0 = 0.5f * (below ? 2 - q - p : 1 - q), b1 = 0.5f * p, b2 = 0.5f * (below ? q : 1 + q - p);
+    const float x = (level - b.full_m[i]) * per_fade, faded = 1 - x * x * (3 - 2 * x);
+    const float contact = 2 * b.area_m2[i] * p * h.per_rise[i] * share * height * (x <= 0 ? 1.0f : faded);
+    float part0 = b.reached[0][i] * b0, part1 = b.reached[1][i] * b1, part2 = b.reached[2][i] * b2;
+    // Without a corner within reach, to the nearest corner.
+    const float reached = part0 + part1 + part2, alone = reached > 0 ? 0.0f : 1.0f;
+    const float largest12 = b1 > b2 ? b1 : b2, first = b0 >= largest12 ? alone : 0.0f,
+                second = b1 >= b2 ? alone - first : 0.0f;
+    part0 += first, part1 += second, part2 += alone - first - second;
+    b.beyond[i] += alone * contact;
+    const float per_share = contact / (reached > 0 ? reached : 1.0f);
+    part0 *= per_share, part1 *= per_share, part2 *= per_share;
+    const float sx = b0 * b.slip_m_per_s[0][0][i] + b1 * b.slip_m_per_s[1][0][i] + b2 * b.slip_m_per_s[2][0][i],
+                sy = b0 * b.slip_m_per_s[0][1][i] + b1 * b.slip_m_per_s[1][1][i] + b2 * b.slip_m_per_s[2][1][i],
+                sz = b0 * b.slip_m_per_s[0][2][i] + b1 * b.slip_m_per_s[1][2][i] + b2 * b.slip_m_per_s[2][2][i];
+    const float speed = std::sqrt(sx * sx + sy * sy + sz * sz);
+    b.contact_m2[0][i] += part0, b.contact_m2[1][i] += part1, b.contact_m2[2][i] += part2;
+    b.speed_area[0][i] += part0 * speed, b.speed_area[1][i] += part1 * speed, b.speed_area[2][i] += part2 * speed;
+    b.slip_area[0][0][i] += part0 * sx, b.slip_area[0][1][i] += part0 * sy, b.slip_area[0][2][i] += part0 * sz;
+    b.slip_area[1][0][i] += part1 * sx, b.slip_area[1][1][i] += part1 * sy, b.slip_area[1][2][i] += part1 * sz;
+    b.slip_area[2][0][i] += part2 * sx, b.slip_area[2][1][i] += part2 * sy, b.slip_area[2][2][i] += part2 * sz;
+  }
+}
+
+void integrate_lines(PlaneBatch& batch, float fade_m) {
+  Heights heights;
+  prepare(batch, heights);
+  const auto clear = [](PlaneBatch::Lanes& lanes) { std::fill_n(lanes, PlaneBatch::kLanes, 0.0f); };
+  for (std::size_t k = 0; k < 3; ++k) {
+    clear(batch.contact_m2[k]);
+    clear(batch.speed_area[k]);
+    for (auto& lanes : batch.slip_area[k]) clear(lanes);
+  }
+  for (std::size_t interval = 0; interval < 3; ++interval) {
+    for (const auto& [place, share] : kQuintic) {
+      add_lines(batch, heights, interval, place, share, 1 / fade_m);
+    }
+  }
 }
 
 }  // namespace
@@ -90,7 +162,9 @@ const ContactPatch& ContactMeter::measure(const ContactGeometry& geometry, Conta
     epoch_ = 1;
   }
   const Inputs in{geometry, surface, velocities, weight, radius_m, surface.range_beyond_m()};
+  batch_.count = 0;
   for (const std::uint32_t t : patch_.triangles) measure_triangle(in, t);
+  integrate_batch(in);
   collect(in);
   return patch_;
 }
@@ -151,7 +225,7 @@ void ContactMeter::measure_triangle(const Inputs& in, std::uint32_t t) {
     for (Corner* corner : corners) corner->lumped_m2 += corner->weight * area_m2 / 3;
   };
   if (full == 3) return lump();
-  if (faces_a_plane(in, at)) return integrate(in, corners, area_m2);
+  if (faces_a_plane(in, at)) return integrate(in, at, area_m2);
   if (reached == 3) return lump();
 
   const double longest_m = static_cast<double>(
@@ -167,66 +241,70 @@ void ContactMeter::measure_triangle(const Inputs& in, std::uint32_t t) {
   take_samples(in, t, corners, area_m2, static_cast<int>(std::min(along, static_cast<double>(kMostSamplesAlong))));
 }
 
-void ContactMeter::integrate(const Inputs& in, const Corners& given, double area_m2) {
-  Corners corners = given;
-  const auto lower_first = [](Corner*& a, Corner*& b) {
-    if (b->distance_m < a->distance_m) std::swap(a, b);
+/// A triangle that lies level counts as one place, another waits for its batch.
+void ContactMeter::integrate(const Inputs& in, const std::array<std::uint32_t, 3>& at, double area_m2) {
+  std::array<std::uint32_t, 3> order = at;
+  const auto lower_first = [&](std::uint32_t& a, std::uint32_t& b) {
+    const bool swap = corners_[b].distance_m < corners_[a].distance_m;
+    const std::uint32_t low = swap ? b : a, high = swap ? a : b;
+    a = low, b = high;
   };
-  lower_first(corners[0], corners[1]);
-  lower_first(corners[1], corners[2]);
-  lower_first(corners[0], corners[1]);
+  lower_first(order[0], order[1]);
+  lower_first(order[1], order[2]);
+  lower_first(order[0], order[1]);
+  const Corners corners = {&corners_[order[0]], &corners_[order[1]], &corners_[order[2]]};
   const double d0 = corners[0]->distance_m;
-  const double d1 = corners[1]->distance_m;
   const double d2 = corners[2]->distance_m;
   const double low = std::max(d0, -in.weight.penetration_m);
-  const double high = std::min(d2, in.radius_m);
-  if (low > high || low >= in.radius_m) return;
-
-  Shares shares(corners);
+  if (low > std::min(d2, in.radius_m) || low >= in.radius_m) return;
   const bool known = corners[0]->slip_known && corners[1]->slip_known && corners[2]->slip_known;
-  const auto add = [&](const std::array<double, 3>& b, double contact_m2) {
-    shares.add(
-        b, contact_m2,
-        known ? Vec3d(b[0] * corners[0]->slip_m_per_s + b[1] * corners[1]->slip_m_per_s + b[2] * corners[2]->slip_m_per_s)
-              : Vec3d(Vec3d::Zero()));
-  };
-  const double rise = d2 - d0;
-  if (rise < kLevel * in.radius_m) {
-    const double weight = in.weight.at((d0 + d1 + d2) / 3, in.radius_m);
-    if (weight > 0) add({1.0 / 3, 1.0 / 3, 1.0 / 3}, weight * area_m2);
-    return take(corners, shares, given[0]->partner_triangle);
+  const std::uint32_t partner_triangle = corners_[at[0]].partner_triangle;
+  if (d2 - d0 < kLevel * in.radius_m) {
+    const double weight = in.weight.at((d0 + corners[1]->distance_m + d2) / 3, in.radius_m);
+    if (!(weight > 0)) return;
+    Shares shares(corners);
+    shares.add({1.0 / 3, 1.0 / 3, 1.0 / 3}, weight * area_m2,
+               known ? Vec3d((corners[0]->slip_m_per_s + corners[1]->slip_m_per_s + corners[2]->slip_m_per_s) / 3)
+                     : Vec3d(Vec3d::Zero()));
+    return take(corners, shares, partner_triangle);
   }
-  const double per_rise = 1 / rise;
-  const double per_below = d1 > d0 ? 1 / (d1 - d0) : 0;
-  const double per_above = d2 > d1 ? 1 / (d2 - d1) : 0;
-  // The line at one distance runs from the side between lowest and highest corner to one of the others.
-  const auto add_level = [&](double level, double height_m) {
-    const double q = (level - d0) * per_rise;
-    if (level < d1) {
-      const double p = (level - d0) * per_below;
-      add({1 - 0.5 * (q + p), 0.5 * p, 0.5 * q}, 2 * area_m2 * p * per_rise * height_m);
-    } else {
-      const double p = (d2 - level) * per_above;
-      add({0.5 * (1 - q), 0.5 * p, 0.5 * (1 + q - p)}, 2 * area_m2 * p * per_rise * height_m);
-    }
-  };
-  const double full = in.weight.full_share * in.radius_m;
-  std::array<double, 4> kinks = {low, std::clamp(d1, low, high), std::clamp(full, low, high), high};
-  if (kinks[2] < kinks[1]) std::swap(kinks[1], kinks[2]);
+  PlaneBatch& batch = batch_;
+  const std::size_t lane = batch.count++;
+  batch.triangles[lane] = {order, partner_triangle};
+  batch.area_m2[lane] = static_cast<float>(area_m2);
+  batch.middle_m[lane] = static_cast<float>(corners[1]->distance_m - d0);
+  batch.rise_m[lane] = static_cast<float>(d2 - d0);
+  batch.lowest_m[lane] = static_cast<float>(-in.weight.penetration_m - d0);
+  batch.full_m[lane] = static_cast<float>(in.weight.full_share * in.radius_m - d0);
+  batch.radius_m[lane] = static_cast<float>(in.radius_m - d0);
   for (std::size_t k = 0; k < 3; ++k) {
-    const double start = kinks[k];
-    const double height_m = kinks[k + 1] - start;
-    if (height_m <= 0) continue;
-    if (start + 0.5 * height_m < full) {
-      for (const auto& [place, share] : kQuadratic) add_level(start + place * height_m, share * height_m);
-      continue;
-    }
-    for (const auto& [place, share] : kQuintic) {
-      const double level = start + place * height_m;
-      add_level(level, share * height_m * in.weight.at(level, in.radius_m));
+    batch.reached[k][lane] = corners[k]->weight > 0 ? 1.0f : 0.0f;
+    for (std::size_t d = 0; d < 3; ++d) {
+      batch.slip_m_per_s[k][d][lane] = known ? static_cast<float>(corners[k]->slip_m_per_s[static_cast<int>(d)]) : 0.0f;
     }
   }
-  take(corners, shares, given[0]->partner_triangle);
+  if (batch.count == PlaneBatch::kLanes) integrate_batch(in);
+}
+
+void ContactMeter::integrate_batch(const Inputs& in) {
+  PlaneBatch& batch = batch_;
+  if (batch.count == 0) return;
+  for (std::size_t i = batch.count; i < PlaneBatch::kLanes; ++i) batch.area_m2[i] = 0;
+  integrate_lines(batch, static_cast<float>((1 - in.weight.full_share) * in.radius_m));
+  for (std::size_t i = 0; i < batch.count; ++i) {
+    const PlaneBatch::Triangle& triangle = batch.triangles[i];
+    beyond_corners_ = beyond_corners_ || batch.beyond[i] > 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto area_m2 = static_cast<double>(batch.contact_m2[k][i]);
+      if (!(area_m2 > 0)) continue;
+      Corner& corner = corners_[triangle.corners[k]];
+      corner.area_m2 += area_m2;
+      corner.speed_area += static_cast<double>(batch.speed_area[k][i]);
+      corner.slip_area += Vec3f(batch.slip_area[k][0][i], batch.slip_area[k][1][i], batch.slip_area[k][2][i]).cast<double>();
+      if (corner.partner_triangle == kNone) corner.partner_triangle = triangle.partner_triangle;
+    }
+  }
+  batch.count = 0;
 }
 
 void ContactMeter::take_samples(const Inputs& in, std::uint32_t t, const Corners& corners, double area_m2, int along) {

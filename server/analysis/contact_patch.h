@@ -89,6 +89,24 @@ struct ContactPatch {
   void clear();
 };
 
+/// Triangles over which the distance is linear, corners in order of distance, each in a lane: what they are and what they
+/// add to their corners. Distances are taken from that of the lowest corner.
+struct PlaneBatch {
+  static constexpr std::size_t kLanes = 32;
+  using Lanes = float[kLanes];
+  struct Triangle {
+    std::array<std::uint32_t, 3> corners;
+    std::uint32_t partner_triangle;
+  };
+  std::size_t count = 0;
+  std::array<Triangle, kLanes> triangles{};
+  Lanes area_m2 = {}, middle_m = {}, rise_m = {};   ///< distances of the other corners
+  Lanes lowest_m = {}, full_m = {}, radius_m = {};  ///< limits of the weight
+  Lanes reached[3] = {}, slip_m_per_s[3][3] = {};   ///< 1: the corner is within reach
+  Lanes contact_m2[3] = {}, speed_area[3] = {}, slip_area[3][3] = {};
+  Lanes beyond = {};  ///< of it, where no corner is within reach
+};
+
 /// Integrates the contact weight over the sheet. Where the partner is one plane as seen from a triangle's corners the
 /// distance d is linear over it, and with the corners in order of d
 ///   dA/ds = 2A (s - d0) / ((d1 - d0)(d2 - d0)) below d1,  2A (d2 - s) / ((d2 - d1)(d2 - d0)) above,
@@ -150,12 +168,14 @@ class ContactMeter {
   std::uint32_t corner_at(const Inputs& in, std::uint32_t triangle, int k);
   void measure_triangle(const Inputs& in, std::uint32_t triangle);
   bool faces_a_plane(const Inputs& in, const std::array<std::uint32_t, 3>& corners) const;
-  void integrate(const Inputs& in, const Corners& corners, double area_m2);
+  void integrate(const Inputs& in, const std::array<std::uint32_t, 3>& at, double area_m2);
+  void integrate_batch(const Inputs& in);
   void take_samples(const Inputs& in, std::uint32_t triangle, const Corners& corners, double area_m2, int along);
   void take(const Corners& corners, const Shares& shares, std::uint32_t partner_triangle);
   void collect(const Inputs& in);
 
   ContactPatch patch_;
+  PlaneBatch batch_;
   std::vector<Place> places_;  ///< [V]
   std::vector<Corner> corners_;
   std::vector<Normals> normals_;  ///< of the partner at each corner, empty for a plane

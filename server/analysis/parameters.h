@@ -35,9 +35,10 @@ struct Parameters {
   std::size_t proxy_triangles = 1333;       ///< meshes half as fine again are partitioned on a proxy of this size
   std::size_t ruling_samples = 48;          ///< rulings traced on a whole sheet, of a region its share,
   std::size_t least_ruling_samples = 16;    ///< but no fewer
-  double partition_change_per_m = 0.2;      ///< a partition serves until bending anywhere has changed by so much
-  double partition_change_relative = 0.05;  ///< plus this share of itself,
-  double partition_age_s = 0.05;            ///< or for so long
+  double partition_growth = 0.2;            ///< a partition serves until bending somewhere grows or shrinks by this share,
+  double partition_change_relative = 0.05;  ///< or changes otherwise by this share of itself
+  double partition_change_per_m = 0.2;      ///< plus so much,
+  double partition_age_s = 0.1;             ///< or for so long
   double free_border_min_m = 0.002;         ///< a resonator with less free curved border is constrained
 
   // Friction.

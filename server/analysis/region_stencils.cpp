@@ -1,6 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <tuple>
+#include <utility>
+
+#include <Eigen/Geometry>
 
 #include "server/analysis/regions.h"
 
@@ -12,8 +16,8 @@ using sheet::Vec2d;
 
 // The marginal of (1-(d/r)²)² at its centre is 3.2/(π r): with r = 3.2/π · width a sharp fold of angle a peaks at a / width.
 constexpr double kRidgeRadiusPerWidth = 3.2 / std::numbers::pi;
-constexpr double kCellsPerRadius = 5;  // nodes of the tensor fit, as for H
-constexpr double kNearRadius = 0.62;   // of the tensor's
+constexpr double kCellsPerRadius = 5.25;  // nodes of the tensor fit: the cells of those of H
+constexpr double kNearRadius = 0.62;      // of the tensor's
 constexpr double kGradedRatio = 2.5;
 
 bool is_graded(std::vector<double> lengths) {
@@ -41,6 +45,22 @@ void fit_tensor(RegionStencils& out, const Parameters& parameters) {
   const PlanePoints vertices{x, out.plane.component};
   out.tensor = kernel(vertices, tensor_radius, out.nodes.points);
   out.near = kernel(vertices, near_radius, vertices);
+  const std::size_t count = out.near.rows();
+  out.near_start.assign(1, 0);
+  for (std::size_t first = 0; first < count; first += RegionStencils::kNearLanes) {
+    std::size_t longest = 0;
+    for (std::size_t i = 0; i < RegionStencils::kNearLanes && first + i < count; ++i) {
+      longest = std::max(longest, out.near.row(first + i).size());
+    }
+    for (std::size_t k = 0; k < longest; ++k) {
+      auto& lanes = out.near_lanes.emplace_back();
+      for (std::size_t i = 0; i < RegionStencils::kNearLanes; ++i) {
+        const auto row = out.near.row(std::min(first + i, count - 1));
+        lanes[i] = row.empty() ? 0 : row[std::min(k, row.size() - 1)].source;
+      }
+    }
+    out.near_start.push_back(static_cast<std::uint32_t>(out.near_lanes.size()));
+  }
   out.inverse.reserve(out.tensor.rows());
   for (std::size_t i = 0; i < out.tensor.rows(); ++i) {
     out.inverse.push_back(
@@ -80,6 +100,42 @@ void prepare_ridges(RegionStencils& out, const Parameters& parameters) {
     out.node_ridge_share.push_back(static_cast<float>(widest / std::max(area, 1e-30)));
 }
 
+/// Place along the Hilbert curve of 2^16 by 2^16 cells.
+std::uint64_t hilbert_place(std::uint32_t x, std::uint32_t y) {
+  std::uint64_t place = 0;
+  for (std::uint32_t half = 1u << 15; half > 0; half /= 2) {
+    const std::uint32_t right = (x & half) != 0, upper = (y & half) != 0;
+    place = 4 * place + ((3 * right) ^ upper);
+    if (upper) continue;
+    if (right) x = ~x, y = ~y;
+    std::swap(x, y);
+  }
+  return place;
+}
+
+void order_triangles(RegionStencils& out) {
+  Eigen::AlignedBox2d box;
+  for (const Vec2d& centre : out.centres_m) box.extend(centre);
+  const double cells_per_m = 65535 / std::max(box.isEmpty() ? 0.0 : box.sizes().maxCoeff(), 1e-12);
+  struct Place {
+    std::uint32_t component;
+    std::uint64_t along;
+    std::uint32_t triangle;
+  };
+  std::vector<Place> places;
+  for (std::uint32_t f = 0; f < out.centres_m.size(); ++f) {
+    const Vec2d cell = (out.centres_m[f] - box.min()) * cells_per_m;
+    places.push_back({out.plane.component[out.topology->triangles()[f][0]],
+                      hilbert_place(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y())), f});
+  }
+  std::sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
+    return std::tie(a.component, a.along, a.triangle) < std::tie(b.component, b.along, b.triangle);
+  });
+  for (const Place& place : places) out.order.push_back(place.triangle);
+  const Vec2d middle_m = box.isEmpty() ? Vec2d(Vec2d::Zero()) : box.center();
+  for (const Vec2d& x : out.plane.coordinates_m) out.rest_m.push_back((x - middle_m).cast<float>());
+}
+
 void index_triangles(RegionStencils& out) {
   const auto triangles = out.topology->triangles();
   out.triangle_start.assign(out.topology->vertex_count() + 1, 0);
@@ -110,6 +166,30 @@ void link_sides(RegionStencils& out) {
   }
 }
 
+void grow_tree(RegionStencils& out) {
+  const auto edges = out.topology->interior_edges();
+  const auto triangle_edges = out.topology->triangle_edges();
+  std::vector<bool> reached(triangle_edges.size(), false), used(edges.size(), false);
+  for (const std::uint32_t root : out.order) {
+    if (reached[root]) continue;
+    reached[root] = true;
+    out.tree.push_back({root, sheet::kNone, sheet::kNone});
+    for (std::size_t at = out.tree.size() - 1; at < out.tree.size(); ++at) {
+      const std::uint32_t f = out.tree[at].triangle;
+      for (const std::uint32_t k : triangle_edges[f]) {
+        if (k == sheet::kNone) continue;
+        const std::uint32_t g = edges[k].left == f ? edges[k].right : edges[k].left;
+        if (reached[g]) continue;
+        reached[g] = used[k] = true;
+        out.tree.push_back({g, f, k});
+      }
+    }
+  }
+  for (std::uint32_t k = 0; k < edges.size(); ++k) {
+    if (!used[k]) out.links.push_back(k);
+  }
+}
+
 void link_border(RegionStencils& out) {
   const auto borders = out.topology->border_edges();
   std::vector<std::uint32_t> starting(out.topology->vertex_count(), sheet::kNone);
@@ -135,8 +215,10 @@ RegionStencils region_stencils(std::shared_ptr<const sheet::Topology> topology, 
   }
   fit_tensor(out, parameters);
   prepare_ridges(out, parameters);
+  order_triangles(out);
   index_triangles(out);
   link_sides(out);
+  grow_tree(out);
   link_border(out);
   for (const auto& e : out.topology->interior_edges()) {
     const double distance = (out.centres_m[e.left] - out.centres_m[e.right]).norm();

@@ -136,9 +136,12 @@ void find_ridges(const RegionStencils& s, const Parameters& parameters, RegionSc
   // Where the mean bending |θ||e| over the hinge areas around a corner does not come near a_max, there is no ridge.
   std::vector<std::uint8_t>& bent = scratch.bent;
   bent.resize(scratch.moments.size());
+  std::uint8_t anywhere = 0;
   for (std::size_t n = 0; n < bent.size(); ++n) {
     bent[n] = scratch.moments[n][3] * s.node_ridge_share[n] > kNearLimit * limit;
+    anywhere |= bent[n];
   }
+  if (!anywhere) return;
   scratch.ridges.clear();
   for (std::uint32_t f = 0; f < count; ++f) {
     const sheet::Triangle& v = s.topology->triangles()[f];
@@ -185,28 +188,25 @@ void prepare_levels(const RegionStencils& s, RegionScratch& scratch, const Regio
       if (scratch.hidden[i]) scratch.vertex_curvature_per_m[i] = 0;
     }
   }
-  scratch.level_per_m.assign(vertices, {});
-  scratch.most_per_m = {0, 0};
-  for (const float k : scratch.vertex_curvature_per_m) {
-    scratch.most_per_m = {std::max(scratch.most_per_m.up, k), std::max(scratch.most_per_m.down, -k)};
-  }
-}
-
-RegionScratch::Level level_at(const RegionStencils& s, RegionScratch& scratch, std::uint32_t vertex) {
-  RegionScratch::Level& level = scratch.level_per_m[vertex];
-  if (level.up < 0) {
-    level = {0, 0};
-    for (const auto& [j, weight] : s.near.row(vertex)) {
-      level.up = std::max(level.up, scratch.vertex_curvature_per_m[j]);
-      level.down = std::max(level.down, -scratch.vertex_curvature_per_m[j]);
+  constexpr std::size_t kLanes = RegionStencils::kNearLanes;
+  scratch.level_per_m.resize((vertices + kLanes - 1) / kLanes * kLanes);
+  const float* curvature_per_m = scratch.vertex_curvature_per_m.data();
+  for (std::size_t slice = 0; slice + 1 < s.near_start.size(); ++slice) {
+    float up[kLanes] = {}, down[kLanes] = {};
+    for (std::uint32_t k = s.near_start[slice]; k < s.near_start[slice + 1]; ++k) {
+      for (std::size_t i = 0; i < kLanes; ++i) {
+        const float here = curvature_per_m[s.near_lanes[k][i]];
+        up[i] = up[i] > here ? up[i] : here;
+        down[i] = down[i] > -here ? down[i] : -here;
+      }
     }
+    for (std::size_t i = 0; i < kLanes; ++i) scratch.level_per_m[slice * kLanes + i] = {up[i], down[i]};
   }
-  return level;
 }
 
-RegionScratch::Level level_of(const RegionStencils& s, RegionScratch& scratch, std::uint32_t triangle) {
+RegionScratch::Level level_of(const RegionStencils& s, const RegionScratch& scratch, std::uint32_t triangle) {
   const sheet::Triangle& v = s.topology->triangles()[triangle];
-  const auto a = level_at(s, scratch, v[0]), b = level_at(s, scratch, v[1]), c = level_at(s, scratch, v[2]);
+  const auto &a = scratch.level_per_m[v[0]], &b = scratch.level_per_m[v[1]], &c = scratch.level_per_m[v[2]];
   return {std::max({a.up, b.up, c.up}), std::max({a.down, b.down, c.down})};
 }
 
@@ -246,7 +246,12 @@ void find_bending(const RegionStencils& s, const RegionFrame& frame, const Param
     assert(frame.angles_rad.size() == s.basis.hinges.size());
     scratch.angles_rad.assign(frame.angles_rad.begin(), frame.angles_rad.end());
   }
-  gather_moments(s.nodes, scratch.angles_rad, scratch.moments);
+  if (frame.moments.empty()) {
+    gather_moments(s.nodes, scratch.angles_rad, scratch.moments);
+  } else {
+    assert(frame.moments.size() == s.nodes.points.at_m.size());
+    scratch.moments.assign(frame.moments.begin(), frame.moments.end());
+  }
   fit_tensor(s, scratch);
   find_ridges(s, parameters, scratch, map);
   if (!scratch.skirt.empty()) leave_out_folds(s, scratch);
@@ -275,49 +280,50 @@ void find_signs(const RegionStencils& s, const RegionState* state, const Paramet
              leave = static_cast<float>(parameters.flat_leave_per_m);
   scratch.sign.resize(count);
   curved.resize(count);
-  const auto most = scratch.most_per_m;
-  const bool may_inflect = most.up > flat && most.down > flat;
-  const float surely_bent = 0.5f * std::max(most.up, most.down);
+  const auto threshold = [&](std::size_t f) { return state == nullptr ? flat : state->curved[f] ? enter : leave; };
   for (std::uint32_t f = 0; f < count; ++f) {
     const float k = map.curvature_per_m[f], size = std::fabs(k);
-    const float threshold = state == nullptr ? flat : state->curved[f] ? enter : leave;
-    curved[f] = size >= threshold;
-    bool bent = curved[f];
-    if (may_inflect || (bent && size < surely_bent)) {
-      const auto [up, down] = level_of(s, scratch, f);
-      const bool inflection = up > flat && down > flat;
-      bent = inflection || (bent && size >= 0.5f * std::max(up, down));
-    }
-    scratch.sign[f] = static_cast<std::int8_t>(!bent ? 0 : k > 0 ? 1 : k < 0 ? -1 : 0);
+    const auto [up, down] = level_of(s, scratch, f);
+    const bool is_curved = size >= threshold(f), inflection = (up > flat) & (down > flat);
+    const bool bent = inflection | (is_curved & (size >= 0.5f * std::max(up, down)));
+    curved[f] = is_curved;
+    scratch.sign[f] = static_cast<std::int8_t>(static_cast<int>(bent) * ((k > 0) - (k < 0)));
   }
 }
 
 /// Labels connected faces of one kind whose rulings agree from neighbour to neighbour. Ridge faces have none.
 void label_faces(const RegionStencils& s, RegionScratch& scratch, RegionMap& map) {
   const auto count = static_cast<std::uint32_t>(map.ridge.size());
-  const auto triangle_edges = s.topology->triangle_edges();
-  map.region.assign(count, kNone);
-  map.region_count = 0;
-  std::vector<std::uint32_t>& open = scratch.numbers;
-  for (std::uint32_t first = 0; first < count; ++first) {
-    if (map.region[first] != kNone || map.ridge[first]) continue;
-    const std::uint32_t label = map.region_count++;
-    const std::int8_t sign = scratch.sign[first];
-    map.region[first] = label;
-    open.assign(1, first);
-    while (!open.empty()) {
-      const std::uint32_t f = open.back();
-      open.pop_back();
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::uint32_t side = s.beyond[3 * f + k];
-        if (side == kNone) continue;
-        const std::uint32_t g = side / 3;
-        if (map.region[g] != kNone || map.ridge[g] || scratch.sign[g] != sign) continue;
-        if (sign != 0 && map.ruling_twice[f].dot(map.ruling_twice[g]) < s.agree_cosine[triangle_edges[f][k]]) continue;
-        map.region[g] = label;
-        open.push_back(g);
-      }
+  const auto edges = s.topology->interior_edges();
+  const auto agree = [&](std::uint32_t f, std::uint32_t g, std::uint32_t edge) {
+    return scratch.sign[f] == scratch.sign[g] &&
+           (scratch.sign[f] == 0 || !(map.ruling_twice[f].dot(map.ruling_twice[g]) < s.agree_cosine[edge]));
+  };
+  // Down a tree that spans the sheet, then across what it leaves out, where that joins anything.
+  map.region.resize(count);
+  std::uint32_t begun = 0;
+  for (const auto& [f, parent, edge] : s.tree) {
+    std::uint32_t label = kNone;
+    if (!map.ridge[f]) {
+      label = parent != kNone && map.region[parent] != kNone && agree(f, parent, edge) ? map.region[parent] : begun++;
     }
+    map.region[f] = label;
+  }
+  scratch.sets.reset(begun);
+  for (const std::uint32_t k : s.links) {
+    const std::uint32_t f = edges[k].left, g = edges[k].right, a = map.region[f], b = map.region[g];
+    if (a != b && a != kNone && b != kNone && agree(f, g, k)) scratch.sets.join(a, b);
+  }
+  // Numbered in the order of their first faces.
+  scratch.numbers.assign(begun, kNone);
+  for (std::uint32_t b = 0; b < begun; ++b) scratch.numbers[b] = scratch.sets.find(b);
+  scratch.renumbered.assign(begun, kNone);
+  map.region_count = 0;
+  for (std::uint32_t& label : map.region) {
+    if (label == kNone) continue;
+    std::uint32_t& number = scratch.renumbered[scratch.numbers[label]];
+    if (number == kNone) number = map.region_count++;
+    label = number;
   }
 }
 
@@ -343,6 +349,17 @@ void flood_ridges(const RegionStencils& s, RegionScratch& scratch, RegionMap& ma
     }
     label[f] = best == kNone ? map.region_count++ : label[best];
   }
+}
+
+void find_cuts(const RegionStencils& s, RegionMap& map) {
+  const auto interior = s.topology->interior_edges();
+  map.cuts.resize(interior.size());
+  std::size_t count = 0;
+  for (std::uint32_t k = 0; k < interior.size(); ++k) {
+    map.cuts[count] = k;
+    count += map.region[interior[k].left] != map.region[interior[k].right];
+  }
+  map.cuts.resize(count);
 }
 
 RegionScratch::Beside& beside(RegionScratch::Part& part, std::uint32_t region) {
@@ -376,9 +393,11 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Para
   for (const auto& e : s.topology->border_edges()) {
     parts[label[e.triangle]].perimeter_m += static_cast<double>((x[e.end] - x[e.start]).norm());
   }
-  for (const auto& e : s.topology->interior_edges()) {
+  const auto interior = s.topology->interior_edges();
+  find_cuts(s, map);
+  for (const std::uint32_t k : map.cuts) {
+    const auto& e = interior[k];
     const std::uint32_t a = label[e.left], b = label[e.right];
-    if (a == b) continue;
     const auto length = static_cast<double>((x[e.end] - x[e.start]).norm());
     const double bend = static_cast<double>(map.bend_rad[e.left]) + static_cast<double>(map.bend_rad[e.right]);
     const double tie = bend > 2 * parameters.ridge_angle_rad ? kSharpPull * length : length;
@@ -450,6 +469,7 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Para
     if (host != r) number[r] = number[host];
   }
   for (std::uint32_t& l : label) l = number[l];
+  std::erase_if(map.cuts, [&](std::uint32_t k) { return label[interior[k].left] == label[interior[k].right]; });
 }
 
 /// Where along the border one smooth region ends and the next begins, within the edges on either side: between the signs of
@@ -493,10 +513,10 @@ void measure_regions(const RegionStencils& s, std::span<const Vec3f> x, RegionMa
     map.region_perimeter_m[region] += static_cast<double>((x[e.end] - x[e.start]).norm());
   };
   for (const auto& e : s.topology->border_edges()) add(map.region[e.triangle], e);
-  if (map.region_count < 2) return;
-  for (const auto& e : s.topology->interior_edges()) {
-    const std::uint32_t a = map.region[e.left], b = map.region[e.right];
-    if (a != b) add(a, e), add(b, e);
+  find_cuts(s, map);
+  for (const std::uint32_t k : map.cuts) {
+    const auto& e = s.topology->interior_edges()[k];
+    add(map.region[e.left], e), add(map.region[e.right], e);
   }
 }
 
@@ -535,7 +555,7 @@ void segment(const RegionStencils& s, const RegionFrame& frame, double time_s, c
   merge_slivers(s, x, parameters, scratch, map);
   scratch.curved_area_m2.assign(map.region_count, 0.0);
   for (std::size_t f = 0; f < count; ++f) {
-    if (curved[f]) scratch.curved_area_m2[map.region[f]] += static_cast<double>(map.faces.areas_m2[f]);
+    scratch.curved_area_m2[map.region[f]] += curved[f] ? static_cast<double>(map.faces.areas_m2[f]) : 0.0;
   }
   map.region_curved.resize(map.region_count);
   for (std::size_t r = 0; r < map.region_count; ++r) {

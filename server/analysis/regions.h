@@ -22,12 +22,17 @@ struct RegionStencils {
   HingeBasis basis;
   std::vector<sheet::Vec2d> centres_m;  ///< [T] of the triangles, in the rest plane
   std::vector<double> edge_length_m;    ///< [T] mean side
+  std::vector<sheet::Vec2f> rest_m;     ///< [V] in the rest plane, from its middle
+  std::vector<std::uint32_t> order;     ///< [T] triangles along a Hilbert curve over the rest plane: near ones come together
   bool graded = false;                  ///< edge lengths vary strongly over a mesh of few triangles
 
   MomentNodes nodes;
   Stencil tensor;                        ///< nodes to vertices, for the bending tensor
   std::vector<Eigen::Matrix3f> inverse;  ///< [V] of the tensor fit's normal matrix
   Stencil near;                          ///< vertices to vertices, to look up the level beside a border
+  static constexpr std::size_t kNearLanes = 16;
+  std::vector<std::uint32_t> near_start;                          ///< [V / 16, rounded up, + 1] of rows of near_lanes
+  std::vector<std::array<std::uint32_t, kNearLanes>> near_lanes;  ///< the same for so many vertices side by side
 
   Stencil ridge;                        ///< hinges to triangles within the ridge width
   std::vector<Moment> hinge_response;   ///< [E] of θ to the tensors of both ends in a smooth bend
@@ -40,6 +45,11 @@ struct RegionStencils {
   std::vector<sheet::Vec2f> border_twice;  ///< [border edges] (cos 2ψ, sin 2ψ) of their directions in the rest plane
   std::vector<std::array<std::uint32_t, 2>> border_neighbours;  ///< border edges of which one ends where the other starts
   std::vector<std::uint32_t> triangle_start, triangles_around;  ///< triangles of each vertex
+  struct Step {
+    std::uint32_t triangle, parent, edge;  ///< no parent and no edge: a piece begins
+  };
+  std::vector<Step> tree;             ///< [T] triangles after those they hang on, across interior edges
+  std::vector<std::uint32_t> links;   ///< the interior edges that the tree leaves out
   std::vector<std::uint32_t> beyond;  ///< [3 T] of each side its other self, 3 · triangle + side; kNone at the border
 };
 [[nodiscard]] RegionStencils region_stencils(std::shared_ptr<const sheet::Topology> topology, sheet::RestPlane plane,
@@ -51,6 +61,7 @@ inline constexpr std::uint8_t kRidge = 1;
 struct RegionMap {
   std::uint32_t region_count = 0;
   std::vector<std::uint32_t> region;          ///< [T] label, < region_count
+  std::vector<std::uint32_t> cuts;            ///< interior edges between two regions, ascending
   std::vector<bool> region_curved;            ///< [R]
   std::vector<double> region_area_m2;         ///< [R]
   std::vector<double> region_perimeter_m;     ///< [R]
@@ -88,6 +99,7 @@ struct RegionState {
 struct RegionFrame {
   std::span<const sheet::Vec3f> positions_m;  ///< [V] near the origin
   std::span<const float> angles_rad;          ///< [E] dihedral, if they are known already; else empty
+  std::span<const Moment> moments = {};       ///< [N] of these angles at the stencils' nodes, likewise
 };
 
 /// Kept between frames, so that a warm one allocates nothing. Holds no history.
@@ -99,10 +111,9 @@ struct RegionScratch {
   std::vector<std::uint8_t> skirt, grown, hidden, changed, bent;
   std::vector<Eigen::Matrix3d> removed;
   struct Level {
-    float up = -1, down = 0;  ///< up < 0: not known yet
+    float up = 0, down = 0;
   };
   std::vector<float> vertex_curvature_per_m;
-  Level most_per_m;                  ///< of all vertices
   std::vector<Level> level_per_m;    ///< [V] largest bending of each sign nearby
   std::vector<std::int8_t> sign;     ///< [T]
   std::vector<std::uint8_t> curved;  ///< [T]

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
-#include <utility>
 
 #include "server/sheet/simd.h"
 
@@ -12,12 +10,11 @@ namespace rustle::analysis {
 namespace {
 
 using observation::Resonator;
-using sheet::kNone;
 using sheet::Vec2d;
+using sheet::Vec2f;
 using sheet::Vec3d;
 using sheet::Vec3f;
 
-constexpr int kMostSteps = 4000;
 constexpr double kTightBend = 0.5;        // curvature times edge length: a bend within two edges
 constexpr double kDirected = 0.6;         // of a region's mean curvature: with less, a ruling is that of the others
 constexpr double kNarrowRegionEdges = 3;  // 2 area / perimeter below this many edges
@@ -36,22 +33,18 @@ class Sequence {
   std::uint64_t state_ = 1;
 };
 
-/// How far a point lies to the left of a line.
-double offset(const Vec2d& direction, const Vec2d& to_point) {
-  return direction.x() * to_point.y() - direction.y() * to_point.x();
-}
-
 constexpr std::size_t kLanes = 16, kBatch = 128;
 using Lanes = float[kLanes];
 
-/// A batch of triangles: areas, centroids, normals.
+/// A batch of triangles: areas, centroids, normals, lengths of edges, curvatures.
 struct Batch {
-  float area[kBatch], x[kBatch], y[kBatch], z[kBatch], nx[kBatch], ny[kBatch], nz[kBatch];
+  float area[kBatch], x[kBatch], y[kBatch], z[kBatch], nx[kBatch], ny[kBatch], nz[kBatch], edge_m[kBatch],
+      curvature_per_m[kBatch];
 };
 
-/// Sums over triangles weighted by area, in lanes: 1; c; c cᵀ; n; n nᵀ.
+/// Sums over triangles weighted by area, in lanes: 1; c; c cᵀ; n; n nᵀ; e; e |κ|.
 struct Sums {
-  Lanes area, cx, cy, cz, cxx, cxy, cxz, cyy, cyz, czz, nx, ny, nz, nxx, nxy, nxz, nyy, nyz, nzz;
+  Lanes area, cx, cy, cz, cxx, cxy, cxz, cyy, cyz, czz, nx, ny, nz, nxx, nxy, nxz, nyy, nyz, nzz, edge, bend;
 };
 
 RUSTLE_SIMD void add(const Batch& b, Sums& s) {
@@ -66,6 +59,9 @@ RUSTLE_SIMD void add(const Batch& b, Sums& s) {
       s.cyy[i] += y * b.y[k], s.cyz[i] += y * b.z[k], s.czz[i] += z * b.z[k];
       s.nx[i] += u, s.ny[i] += v, s.nz[i] += w;
       s.nxx[i] += u * b.nx[k], s.nxy[i] += u * b.ny[k], s.nxz[i] += u * b.nz[k];
+      const float length = a * b.edge_m[k];
+      s.edge[i] += length;
+      s.bend[i] += length * std::fabs(b.curvature_per_m[k]);
       s.nyy[i] += v * b.ny[k], s.nyz[i] += v * b.nz[k], s.nzz[i] += w * b.nz[k];
     }
   }
@@ -110,7 +106,8 @@ void ResonatorFinder::index_regions() {
   for (const std::uint32_t r : map_->region) ++region_start_[r + 1];
   for (std::size_t r = 0; r < map_->region_count; ++r) region_start_[r + 1] += region_start_[r];
   next_.assign(region_start_.begin(), region_start_.end() - 1);
-  for (std::uint32_t f = 0; f < map_->region.size(); ++f) region_triangles_[next_[map_->region[f]]++] = f;
+  for (const std::uint32_t f : stencils_->order) region_triangles_[next_[map_->region[f]]++] = f;
+  outline_regions(*stencils_, *map_, outlines_);
 }
 
 std::span<const std::uint32_t> ResonatorFinder::triangles_of(std::uint32_t label) const {
@@ -123,9 +120,11 @@ void ResonatorFinder::join_reachable(StopAt stop, sheet::DisjointSets& sets) con
   const auto stamped = [&](std::uint32_t v) {
     return holds_->anchored[v] || (stop == StopAt::kRidgesAndHolds && holds_->touching[v]);
   };
-  for (const auto& e : stencils_->topology->interior_edges()) {
+  const auto interior = stencils_->topology->interior_edges();
+  for (const std::uint32_t k : map_->cuts) {
+    const auto& e = interior[k];
     const std::uint32_t a = map_->region[e.left], b = map_->region[e.right];
-    if (a == b || (map_->ridge[e.left] && map_->ridge[e.right]) || stamped(e.start) || stamped(e.end)) continue;
+    if ((map_->ridge[e.left] && map_->ridge[e.right]) || stamped(e.start) || stamped(e.end)) continue;
     sets.join(a, b);
   }
 }
@@ -160,7 +159,6 @@ Resonator ResonatorFinder::measure(std::uint32_t label) {
   if (triangles.empty()) return out;
   Sums sums{};
   Batch batch;
-  double bend = 0, edge = 0;
   for (std::size_t first = 0; first < triangles.size(); first += kBatch) {
     const std::size_t count = std::min(kBatch, triangles.size() - first);
     for (std::size_t i = 0; i < count; ++i) {
@@ -172,15 +170,16 @@ Resonator ResonatorFinder::measure(std::uint32_t label) {
       batch.area[i] = area;
       batch.x[i] = centroid.x(), batch.y[i] = centroid.y(), batch.z[i] = centroid.z();
       batch.nx[i] = normal.x(), batch.ny[i] = normal.y(), batch.nz[i] = normal.z();
-      const double weight = static_cast<double>(area) * stencils_->edge_length_m[f];
-      bend += weight * static_cast<double>(std::fabs(map_->curvature_per_m[f]));
-      edge += weight;
+      batch.edge_m[i] = static_cast<float>(stencils_->edge_length_m[f]);
+      batch.curvature_per_m[i] = map_->curvature_per_m[f];
     }
     for (std::size_t i = count; i < kBatch; ++i) {
       batch.area[i] = batch.x[i] = batch.y[i] = batch.z[i] = batch.nx[i] = batch.ny[i] = batch.nz[i] = 0;
+      batch.edge_m[i] = batch.curvature_per_m[i] = 0;
     }
     add(batch, sums);
   }
+  const double bend = total(sums.bend), edge = total(sums.edge);
   out.area_m2 = total(sums.area);
   const double area = std::max(out.area_m2, 1e-30);
   const Vec3d first(total(sums.cx), total(sums.cy), total(sums.cz)), normal(total(sums.nx), total(sums.ny), total(sums.nz));
@@ -201,8 +200,9 @@ Resonator ResonatorFinder::measure(std::uint32_t label) {
   const bool curved = map_->region_curved[label];
   const auto borders = topology.border_edges();
   const auto is_free = [&](std::size_t k) {
-    const auto& e = borders[k];
-    return !(holds_->anchored[e.start] || holds_->anchored[e.end] || holds_->touching[e.start] || holds_->touching[e.end]);
+    // An edge that rises from what is held is free but for its end.
+    const auto held = [&](std::uint32_t v) { return holds_->anchored[v] || holds_->touching[v]; };
+    return !(held(borders[k].start) && held(borders[k].end));
   };
   for (std::size_t k = 0; curved && k < borders.size(); ++k) {
     const auto& e = borders[k];
@@ -233,10 +233,7 @@ double ResonatorFinder::ruling_length_m(std::uint32_t label) {
     }
     if (count > 0) return sum / static_cast<double>(count);
   }
-  // The length of a ruling depends most on where it lies across the others: the sample is even by area there, in strips, and
-  // within each strip along it.
   const auto triangles = triangles_of(label);
-  const auto& centres = stencils_->centres_m;
   Vec2d twice = Vec2d::Zero();
   double area = 0, curvature = 0;
   for (const std::uint32_t f : triangles) {
@@ -248,134 +245,49 @@ double ResonatorFinder::ruling_length_m(std::uint32_t label) {
   if (!(curvature > 0)) return 0;
   const double mean_curvature_per_m = curvature / area;
   const double mean_angle = std::atan2(twice.y(), twice.x()) / 2;
-  const Vec2d along(std::cos(mean_angle), std::sin(mean_angle)), across(-along.y(), along.x());
-  double low = std::numeric_limits<double>::infinity(), high = -low;
-  for (const std::uint32_t f : triangles) {
-    const double at = across.dot(centres[f]);
-    low = std::min(low, at), high = std::max(high, at);
-  }
-  const auto whole = static_cast<double>(map_->region.size());
+  const Vec2f along = Vec2d(std::cos(mean_angle), std::sin(mean_angle)).cast<float>();
   const auto samples =
-      std::max(parameters_.least_ruling_samples,
-               static_cast<std::size_t>(static_cast<double>(parameters_.ruling_samples * triangles.size()) / whole));
-  const double per_width = high > low ? (static_cast<double>(samples) - 1e-6) / (high - low) : 0.0;
-  strips_.assign(samples, Strip());
-  strip_of_.resize(triangles.size());
-  for (std::size_t i = 0; i < triangles.size(); ++i) {
-    const Vec2d& centre = centres[triangles[i]];
-    strip_of_[i] = static_cast<std::uint32_t>((across.dot(centre) - low) * per_width);
-    Strip& strip = strips_[strip_of_[i]];
-    const double at = along.dot(centre), its_area = static_cast<double>(map_->faces.areas_m2[triangles[i]]);
-    strip.low_m = std::min(strip.low_m, at), strip.high_m = std::max(strip.high_m, at);
-    strip.area_m2 += its_area;
-    ++strip.count;
-  }
-  std::uint32_t start = 0;
-  for (Strip& strip : strips_) {
-    strip.first = start;
-    start += std::exchange(strip.count, 0);
-  }
-  by_strip_.resize(triangles.size());
-  for (std::size_t i = 0; i < triangles.size(); ++i) {
-    Strip& strip = strips_[strip_of_[i]];
-    by_strip_[strip.first + strip.count++] = triangles[i];
-  }
-  constexpr double kGoldenRatio = 0.6180339887498949;
+      std::max(parameters_.least_ruling_samples, parameters_.ruling_samples * triangles.size() / map_->region.size());
+  // One place in each of so many parts of the region of equal area: triangles come along a curve that fills it.
+  const double part_m2 = area / static_cast<double>(samples);
   Sequence random;
-  double before = 0, share = 0.5;
+  double before_m2 = 0, sum = 0, weights = 0;
   std::size_t current = 0;
-  traces_.clear();
   for (std::size_t i = 0; i < samples; ++i) {
-    const double target = (static_cast<double>(i) + 0.5) / static_cast<double>(samples) * area;
-    while (current + 1 < samples && before + strips_[current].area_m2 < target) before += strips_[current++].area_m2;
-    const Strip& strip = strips_[current];
-    share += kGoldenRatio, share -= std::floor(share);
-    const double wanted = strip.low_m + share * (strip.high_m - strip.low_m);
-    std::uint32_t f = by_strip_[strip.first];
-    double nearest = std::numeric_limits<double>::infinity();
-    for (std::uint32_t k = strip.first; k < strip.first + strip.count; ++k) {
-      const double away = std::fabs(along.dot(centres[by_strip_[k]]) - wanted);
-      if (away < nearest) nearest = away, f = by_strip_[k];
+    const double target_m2 = (static_cast<double>(i) + random.next()) * part_m2;
+    double here_m2 = static_cast<double>(map_->faces.areas_m2[triangles[current]]);
+    while (current + 1 < triangles.size() && before_m2 + here_m2 < target_m2) {
+      before_m2 += here_m2;
+      here_m2 = static_cast<double>(map_->faces.areas_m2[triangles[++current]]);
     }
-    double u = random.next(), v = random.next();
+    const std::uint32_t f = triangles[current];
+    auto u = static_cast<float>(random.next()), v = static_cast<float>(random.next());
     if (u + v > 1) u = 1 - u, v = 1 - v;
     const sheet::Triangle& t = stencils_->topology->triangles()[f];
-    const auto& x = stencils_->plane.coordinates_m;
+    const auto& x = stencils_->rest_m;
     // Toward an inflection a place has less and less of a direction of its own.
     const double bent = std::fabs(static_cast<double>(map_->curvature_per_m[f])) / mean_curvature_per_m;
-    const Vec2d from = x[t[0]] + u * (x[t[1]] - x[t[0]]) + v * (x[t[2]] - x[t[0]]);
-    start_traces(f, from, bent >= kDirected ? ruling_direction(*map_, f) : along, std::min(bent / kDirected, 1.0));
-  }
-  // All advance in turn: each waits for memory while the others compute.
-  under_way_.resize(traces_.size());
-  for (std::uint32_t i = 0; i < traces_.size(); ++i) under_way_[i] = i;
-  for (int step = 0; step < kMostSteps && !under_way_.empty(); ++step) {
-    std::erase_if(under_way_, [&](std::uint32_t i) { return !advance(traces_[i], label); });
-  }
-  double sum = 0, weights = 0;
-  for (const Trace& trace : traces_) {
-    sum += trace.weight * trace.inside_m;
-    weights += trace.weight / 2;
+    const Vec2f from = x[t[0]] + u * (x[t[1]] - x[t[0]]) + v * (x[t[2]] - x[t[0]]);
+    const Vec2f direction = bent >= kDirected ? Vec2f(ruling_direction(*map_, f).cast<float>()) : along;
+    const double weight = std::min(bent / kDirected, 1.0), per_rest = stretch(f, direction);
+    if (!(per_rest > 0)) continue;
+    const double gap_m = std::max(2 * parameters_.min_region_width_m, 3 * stencils_->edge_length_m[f]) / per_rest;
+    sum += weight * per_rest * tracer_.length_m(outlines_, label, from, direction, static_cast<float>(gap_m));
+    weights += weight;
   }
   return weights > 0 ? sum / weights : 0.0;
 }
 
-/// Where a trace's side is crossed, in space.
-Vec3f ResonatorFinder::crossing(const Trace& trace) const {
-  const auto share = static_cast<float>(trace.off_m[0] / (trace.off_m[0] - trace.off_m[1]));
-  const Vec3f &a = positions_m_[trace.ends[0]], &b = positions_m_[trace.ends[1]];
-  return a + share * (b - a);
-}
-
-/// Both ways along a straight line of the rest plane, to the sides of the triangle.
-void ResonatorFinder::start_traces(std::uint32_t triangle, const Vec2d& from, const Vec2d& direction, double weight) {
-  const auto& x = stencils_->plane.coordinates_m;
+/// Length in space over that in the rest plane.
+double ResonatorFinder::stretch(std::uint32_t triangle, const Vec2f& d) const {
   const sheet::Triangle& v = stencils_->topology->triangles()[triangle];
-  const double off[3] = {offset(direction, x[v[0]] - from), offset(direction, x[v[1]] - from),
-                         offset(direction, x[v[2]] - from)};
-  Trace found[2];
-  int count = 0;
-  for (std::uint32_t k = 0; k < 3 && count < 2; ++k) {
-    const std::uint32_t next = (k + 1) % 3;
-    if ((off[k] > 0) == (off[next] > 0)) continue;
-    Trace& trace = found[count++];
-    trace.side = 3 * triangle + k;
-    trace.ends[0] = v[k], trace.ends[1] = v[next];
-    trace.off_m[0] = off[k], trace.off_m[1] = off[next];
-    trace.from = from, trace.direction = direction;
-    trace.weight = weight;
-    trace.place = crossing(trace);
-    trace.gap_m = std::max(2 * parameters_.min_region_width_m, 3 * stencils_->edge_length_m[triangle]);
-  }
-  if (count < 2) return;
-  const auto half = static_cast<double>((found[1].place - found[0].place).norm()) / 2;
-  for (Trace& trace : found) {
-    trace.length_m = trace.inside_m = half;
-    traces_.push_back(trace);
-  }
-}
-
-/// Through the next triangle. False: the trace has left the region, for more than its gap: a ruling may run along a region
-/// border that is jagged because it follows triangle edges. Lengths are measured in space.
-bool ResonatorFinder::advance(Trace& trace, std::uint32_t label) const {
-  const std::uint32_t side = stencils_->beyond[trace.side];
-  if (side == kNone || trace.length_m - trace.inside_m > trace.gap_m) return false;
-  const std::uint32_t triangle = side / 3, k = side - 3 * triangle, after = k == 2 ? 0 : k + 1,
-                      opposite = k == 0 ? 2 : k - 1;
-  const sheet::Triangle& corners = stencils_->topology->triangles()[triangle];
-  const std::uint32_t apex = corners[opposite];
-  const double off = offset(trace.direction, stencils_->plane.coordinates_m[apex] - trace.from);
-  // It leaves by the side whose ends lie on either hand: the apex takes the place of the end on its own hand.
-  const std::size_t replaced = (off > 0) != (trace.off_m[0] > 0) ? 1 : 0;
-  const std::uint32_t kept = trace.ends[1 - replaced];
-  trace.ends[replaced] = apex;
-  trace.off_m[replaced] = off;
-  trace.side = 3 * triangle + (corners[k] == kept ? opposite : after);
-  const Vec3f there = crossing(trace);
-  trace.length_m += static_cast<double>((there - trace.place).norm());
-  trace.place = there;
-  trace.inside_m = map_->region[triangle] == label ? trace.length_m : trace.inside_m;
-  return true;
+  const auto& r = stencils_->rest_m;
+  const Vec2f a = r[v[1]] - r[v[0]], b = r[v[2]] - r[v[0]];
+  const float det = a.x() * b.y() - a.y() * b.x();
+  if (std::fabs(det) < 1e-16f) return 0;
+  const float along_a = (d.x() * b.y() - d.y() * b.x()) / det, along_b = (a.x() * d.y() - a.y() * d.x()) / det;
+  return static_cast<double>(
+      (along_a * (positions_m_[v[1]] - positions_m_[v[0]]) + along_b * (positions_m_[v[2]] - positions_m_[v[0]])).norm());
 }
 
 }  // namespace rustle::analysis

@@ -2,12 +2,12 @@
 
 #include <array>
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <vector>
 
 #include "server/analysis/parameters.h"
 #include "server/analysis/regions.h"
+#include "server/analysis/rulings.h"
 #include "server/observation/observation.h"
 
 /// Which regions an event sets vibrating (P4), and what they sound like (P5).
@@ -47,7 +47,7 @@ class ResonatorFinder {
   [[nodiscard]] std::vector<observation::Resonator> reached_from(std::span<const std::uint32_t> triangles, StopAt stop);
 
   /// One region's resonator. Lengths in space: l_r the mean straight ruling through points of the region, a fixed sample
-  /// stratified by area; l_c the border edges, weighted by how curved they are, that nothing holds. O(region).
+  /// even by area; l_c the border edges, weighted by how curved they are, that nothing holds. O(region).
   [[nodiscard]] const observation::Resonator& region(std::uint32_t label);
 
  private:
@@ -60,21 +60,7 @@ class ResonatorFinder {
   void join_reachable(StopAt stop, sheet::DisjointSets& sets) const;
   observation::Resonator measure(std::uint32_t label);
   double ruling_length_m(std::uint32_t label);
-  /// A ruling followed one way from where it was sampled, from triangle to triangle.
-  struct Trace {
-    std::uint32_t side = 0;             ///< 3 · triangle + side: by which it leaves
-    std::uint32_t ends[2] = {};         ///< of that side,
-    double off_m[2] = {};               ///< and how far each lies to the left of the line
-    sheet::Vec2d from, direction;       ///< of the line in the rest plane
-    sheet::Vec3f place;                 ///< where it leaves, in space
-    double length_m = 0, inside_m = 0;  ///< so far; to where it was last inside the region
-    double gap_m = 0;
-    double weight = 1;  ///< in the mean
-  };
-  void start_traces(std::uint32_t triangle, const sheet::Vec2d& from, const sheet::Vec2d& direction, double weight);
-  bool advance(Trace& trace, std::uint32_t label) const;
-  sheet::Vec3f crossing(const Trace& trace) const;
-
+  double stretch(std::uint32_t triangle, const sheet::Vec2f& direction) const;
   Parameters parameters_;
   const RegionStencils* stencils_ = nullptr;
   const RegionMap* map_ = nullptr;
@@ -90,15 +76,8 @@ class ResonatorFinder {
   std::vector<double> rulings_m_;                 ///< [R] l_r, < 0: not known yet
   std::vector<std::uint8_t> is_measured_, sounding_;
   std::vector<std::uint32_t> next_;
-  struct Strip {  ///< triangles of a region by their place across its rulings
-    double area_m2 = 0;
-    double low_m = std::numeric_limits<double>::infinity(), high_m = -low_m;  ///< along the rulings
-    std::uint32_t first = 0, count = 0;
-  };
-  std::vector<Strip> strips_;
-  std::vector<std::uint32_t> strip_of_, by_strip_;
-  std::vector<Trace> traces_;
-  std::vector<std::uint32_t> under_way_;
+  Outlines outlines_;
+  RulingTracer tracer_;
 };
 
 }  // namespace rustle::analysis

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "server/sheet/disjoint_sets.h"
+#include "server/sheet/simd.h"
 
 namespace rustle::analysis {
 namespace {
@@ -36,30 +37,57 @@ struct NormalMargin {
   float margin_m;
 };
 
-NormalMargin normal_margin(const ContactGeometry& geometry, const Vec3d& axis_d) {
-  constexpr float kKept = 0.5f;  // axis·c - k |c| ≥ kKept axis·c while axis·c ≥ 2 k |c|
-  const Eigen::Vector4f axis(static_cast<float>(axis_d.x()), static_cast<float>(axis_d.y()), static_cast<float>(axis_d.z()),
-                             0.0f);
-  const auto& p = geometry.relative_m;
-  bool within = true;
-  bool steep = false;
-  float least2 = std::numeric_limits<float>::infinity();  // of (axis·c)² / (e1² + e2²)
-  for (const Triangle& v : geometry.frame->topology->triangles()) {
-    const Eigen::Vector4f e1 = p[v[1]] - p[v[0]];
-    const Eigen::Vector4f e2 = p[v[2]] - p[v[0]];
-    const Eigen::Vector4f c = e1.cross3(e2);
-    const float along = axis.dot(c);
-    const float along2 = along * along;
-    const float c2 = c.squaredNorm();
-    const float sides2 = (e1.cwiseProduct(e1) + e2.cwiseProduct(e2)).sum();
-    within = within && along >= 0 && along2 >= kLeastCosine * kLeastCosine * c2;
-    if (!within) return {false, 0};
-    steep = steep || along2 <= 4 * kLeastCosine * kLeastCosine * c2;
-    if (along2 < least2 * sides2) least2 = along2 / sides2;
+constexpr std::size_t kBatch = 128;
+using Lanes = float[kBatch];
+
+/// Sides e1 and e2 of a batch of triangles, and what they say, each by lane.
+struct Sides {
+  Lanes e1[3], e2[3];
+  Lanes least2;                                // of (axis·c)² / (e1² + e2²)
+  std::int32_t within[kBatch], steep[kBatch];  // all within the cone; any near its edge
+};
+
+RUSTLE_SIMD void add(Sides& s, float x, float y, float z) {
+  for (std::size_t i = 0; i < kBatch; ++i) {
+    const float cx = s.e1[1][i] * s.e2[2][i] - s.e1[2][i] * s.e2[1][i],
+                cy = s.e1[2][i] * s.e2[0][i] - s.e1[0][i] * s.e2[2][i],
+                cz = s.e1[0][i] * s.e2[1][i] - s.e1[1][i] * s.e2[0][i];
+    const float along = x * cx + y * cy + z * cz, along2 = along * along, c2 = cx * cx + cy * cy + cz * cz;
+    const float sides2 = s.e1[0][i] * s.e1[0][i] + s.e1[1][i] * s.e1[1][i] + s.e1[2][i] * s.e1[2][i] +
+                         s.e2[0][i] * s.e2[0][i] + s.e2[1][i] * s.e2[1][i] + s.e2[2][i] * s.e2[2][i];
+    const bool within = (along >= 0) & (along2 >= kLeastCosine * kLeastCosine * c2);
+    s.within[i] = within ? s.within[i] : 0;
+    s.steep[i] = along2 <= 4 * kLeastCosine * kLeastCosine * c2 ? 1 : s.steep[i];
+    const float per_sides = along2 / (sides2 > 0 ? sides2 : 1.0f);
+    const float none2 = sides2 > 0 ? per_sides : s.least2[i];
+    s.least2[i] = none2 < s.least2[i] ? none2 : s.least2[i];
   }
-  if (steep) return {true, 0};
+}
+
+NormalMargin normal_margin(const ContactGeometry& geometry, const Vec3d& axis) {
+  constexpr float kKept = 0.5f;  // axis·c - k |c| ≥ kKept axis·c while axis·c ≥ 2 k |c|
+  const auto x = static_cast<float>(axis.x()), y = static_cast<float>(axis.y()), z = static_cast<float>(axis.z());
+  const auto& p = geometry.relative_m;
+  const auto triangles = geometry.frame->topology->triangles();
+  Sides sides;
+  std::fill(std::begin(sides.least2), std::end(sides.least2), std::numeric_limits<float>::infinity());
+  std::fill(std::begin(sides.within), std::end(sides.within), 1);
+  std::fill(std::begin(sides.steep), std::end(sides.steep), 0);
+  for (std::size_t first = 0; first < triangles.size(); first += kBatch) {
+    for (std::size_t i = 0; i < kBatch; ++i) {
+      const Triangle& v = triangles[std::min(first + i, triangles.size() - 1)];  // the last fills the last batch
+      const Eigen::Vector4f &a = p[v[0]], &b = p[v[1]], &c = p[v[2]];
+      for (int d = 0; d < 3; ++d) {
+        sides.e1[d][i] = b[d] - a[d];
+        sides.e2[d][i] = c[d] - a[d];
+      }
+    }
+    add(sides, x, y, z);
+  }
+  if (std::find(std::begin(sides.within), std::end(sides.within), 0) != std::end(sides.within)) return {false, 0};
+  if (std::find(std::begin(sides.steep), std::end(sides.steep), 1) != std::end(sides.steep)) return {true, 0};
   // |e1| + |e2| ≤ √2 √(e1² + e2²); the term in d² stays below a quarter of the other while d is below this margin.
-  const float per_length = std::sqrt(least2 / 2);
+  const float per_length = std::sqrt(*std::min_element(std::begin(sides.least2), std::end(sides.least2)) / 2);
   return {true, kKept * per_length / (2.5f * (1 + kLeastCosine))};
 }
 
