@@ -12,8 +12,8 @@ namespace rustle::generate {
 namespace {
 
 constexpr std::array<Paper, 3> kPapers{{{"printer-paper", 0.080, 104e-6, 4e-4, 0.04, 1.0},
-                                        {"tracing-paper", 0.090, 75e-6, 2.5e-4, 0.03, 1.25},
-                                        {"banknote", 0.097, 110e-6, 6e-4, 0.04, 0.9}}};
+                                        {"tracing-paper", 0.090, 75e-6, 2.5e-4, 0.03, 1.6},
+                                        {"banknote", 0.097, 110e-6, 6e-4, 0.055, 0.6}}};
 constexpr double kAir_kg_per_m3 = 1.2;
 constexpr double kPoisson = 0.3;
 
@@ -26,6 +26,18 @@ std::span<const Paper> papers() {
 const Paper* find_paper(std::string_view name) {
   const auto at = std::find_if(kPapers.begin(), kPapers.end(), [&](const Paper& paper) { return paper.name == name; });
   return at == kPapers.end() ? nullptr : &*at;
+}
+
+double brightness(const Paper& paper) {
+  const auto reach = [](const Paper& p) {
+    return std::sqrt(p.bending_stiffness_Nm / p.grammage_kg_per_m2) / (p.loss_factor * p.loss_factor);
+  };
+  const Paper& printer = kPapers.front();
+  return std::cbrt(printer.thickness_m / paper.thickness_m) * std::pow(reach(paper) / reach(printer), 0.365);
+}
+
+double decay_s(const Paper& paper, double frequency_hz) {
+  return 2.2 / (paper.loss_factor * frequency_hz);
 }
 
 std::vector<double> strip_modes_hz(const Paper& paper, double ruling_length_m, double edge_m, double compression,
