@@ -35,6 +35,7 @@ void for_each_figure(Figure&& figure) {
   RUSTLE_FIGURE(planes_left_out);
   RUSTLE_FIGURE(samples_limited);
   RUSTLE_FIGURE(samples_not_finite);
+  RUSTLE_FIGURE(voices_merged);
 #undef RUSTLE_FIGURE
 }
 

@@ -76,6 +76,8 @@ void write(const SessionOptions& options, v1::SessionOptions* out) {
   }
   out->set_default_material(options.default_material);
   out->set_record(options.record);
+  out->set_hrtf(options.hrtf);
+  out->set_friction_fft_size(options.friction_fft_size);
 }
 
 void read(const v1::SessionOptions& sent, SessionOptions& options) {
@@ -101,6 +103,8 @@ void read(const v1::SessionOptions& sent, SessionOptions& options) {
   }
   options.default_material = sent.default_material();
   options.record = sent.record();
+  options.hrtf = sent.hrtf();
+  options.friction_fft_size = sent.friction_fft_size();
 }
 
 void write(const Topology& topology, v1::Topology* out) {

@@ -65,7 +65,9 @@ struct SessionOptions {
   Channels channels = Channels::kStereo;
   std::string default_material{};  ///< empty: "printer-paper"
   bool record = false;
-  std::vector<SheetOptions> sheets{};  ///< more may follow by add_sheet()
+  std::string hrtf{};                   ///< binaural: "structural", "kemar" or one the daemon offers; empty: the daemon's
+  std::uint32_t friction_fft_size = 0;  ///< a power of two, 128 to 8192; 0: the daemon's
+  std::vector<SheetOptions> sheets{};   ///< more may follow by add_sheet()
 };
 
 /// Immutable once sent; the spans are read during the call only.
@@ -208,7 +210,7 @@ struct Statistics {
   std::uint64_t samples_due = 0, samples_sent = 0, samples_in_gaps = 0;
   std::uint64_t voices = 0, voices_most = 0, voices_stolen = 0, voices_dropped = 0;
   std::uint64_t sources_dropped = 0, cues_dropped = 0, sounds_missing = 0, planes_left_out = 0;
-  std::uint64_t samples_limited = 0, samples_not_finite = 0;
+  std::uint64_t samples_limited = 0, samples_not_finite = 0, voices_merged = 0;
   std::uint64_t crumpling_events = 0, friction_episodes = 0, tear_events = 0;
   double newest_time_s = 0, rendered_time_s = 0, playout_delay_s = 0, clock_drift_ppm = 0;
   std::uint32_t load_level = 0;

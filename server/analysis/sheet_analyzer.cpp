@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "server/analysis/resonators.h"
+#include "server/analysis/rigid_motion.h"
 #include "server/sheet/transfer.h"
 
 namespace rustle::analysis {
@@ -18,6 +19,9 @@ using observation::Resonator;
 using sheet::Vec3d;
 using sheet::Vec3f;
 
+constexpr int kUnidentifiedFrames = 3;  // in a row: a single cut or repair is no matter
+constexpr double kLongestUnit_s = 1.0;  // a crumpling unit sounds no longer after its event
+
 /// What sounds where there is no triangle to vibrate.
 Resonator constrained_at(const Vec3d& position_m, double area_m2) {
   Resonator out;
@@ -26,6 +30,22 @@ Resonator constrained_at(const Vec3d& position_m, double area_m2) {
   out.area_m2 = area_m2;
   out.disc_radius_m = std::sqrt(area_m2 / std::numbers::pi);
   return out;
+}
+
+/// Numbers the resonators of `contact` as those of the contacts before it, which are reached alike, and on from them.
+void number_resonators(const std::vector<observation::FrictionContact>& contacts, observation::FrictionContact& contact) {
+  std::uint32_t most = 0;
+  for (Resonator& resonator : contact.resonators) {
+    for (auto before = contacts.data(); before != &contact; ++before) {
+      for (const Resonator& known : before->resonators) {
+        most = std::max(most, known.number);
+        if (known.position_m == resonator.position_m && known.area_m2 == resonator.area_m2) resonator.number = known.number;
+      }
+    }
+  }
+  for (Resonator& resonator : contact.resonators) {
+    if (resonator.number == 0) resonator.number = ++most;
+  }
 }
 
 bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology) {
@@ -83,6 +103,14 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
                                arrival ? &arrival->remade : nullptr,
                                arrival && arrival->silent};
   out.crumpling = find_crumpling(inputs, parameters_, state_.crumpling, next_event_id);
+  state_.unidentified_frames = arrival && arrival->unidentified ? state_.unidentified_frames + 1 : 0;
+  out.unidentified = state_.unidentified_frames >= kUnidentifiedFrames;
+  const BendingInputs bending{state_.patches,      curvature, state_.crumpling.curvature_per_m,
+                              scratch_.relative_m, origin_m,  arrival.has_value()};
+  find_bending(bending, state_.bending, out.bending);
+  if (!out.crumpling.empty() || !out.bending.empty()) state_.crumpled_s = frame.time_s;
+  if (frame.time_s - state_.crumpled_s < kLongestUnit_s && state_.last_positions_m.size() == frame.positions_m.size())
+    out.motion = nearest_rigid_motion(state_.last_positions_m, frame.positions_m);
 
   const bool comparable = state_.last && !arrival && state_.last->positions_m.size() == frame.positions_m.size();
   if (comparable) state_.last->topology = frame.topology;
@@ -101,6 +129,7 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
 
 void SheetAnalyzer::forget() {
   state_.crumpling.primed = false;
+  state_.bending = {};
   state_.region_history = {};
   state_.partition_moments.clear();
   state_.last.reset();
@@ -108,6 +137,7 @@ void SheetAnalyzer::forget() {
   state_.earlier_positions_m.clear();
   state_.bent.clear();
   state_.tips.clear();
+  state_.crumpled_s = -std::numeric_limits<double>::infinity();
   contacts_.reset();
 }
 
@@ -144,6 +174,15 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
   const bool whole = transfer && std::find(transfer->remade.begin(), transfer->remade.end(), true) == transfer->remade.end();
   sheet::RestPlane plane = own_shape && whole ? sheet::renumbered(state_.curvature->plane, *transfer, *frame.topology)
                                               : sheet::rest_plane(*frame.topology, frame.positions_m);
+  if (has_history && transfer && !arrival.silent) {
+    carry_by_material(*state_.curvature->topology, state_.patches, *frame.topology, state_.bending);
+  } else if (whole) {
+    carry(*transfer, state_.bending);
+  } else {
+    carry_by_rank(state_.patches, state_.bending);
+  }
+  arrival.unidentified = arrival.silent && !whole;
+  state_.patches = bending_patches(*frame.topology, plane);
   state_.curvature = curvature_stencils(frame.topology, std::move(plane), parameters_);
   state_.regions.reset();
   state_.sent_regions.reset();
@@ -162,16 +201,24 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
   return arrival;
 }
 
-/// Whether the last partition is still that of the sheet as it is now bent.
+/// Whether the last partition is still that of the sheet as it is now bent. Where regions end is settled by the directions
+/// of bending and by its size beside that nearby: where it merely grows or shrinks somewhat, regions stay.
 bool SheetAnalyzer::partition_serves(double time_s) const {
   const auto &then = state_.partition_moments, &now = state_.crumpling.now.moments;
   if (then.size() != now.size() || time_s - state_.partition_s > parameters_.partition_age_s) return false;
   const auto least = static_cast<float>(parameters_.partition_change_per_m),
-             share = static_cast<float>(parameters_.partition_change_relative);
+             share = static_cast<float>(parameters_.partition_change_relative),
+             growth = static_cast<float>(parameters_.partition_growth);
   const auto& areas_m2 = state_.curvature->nodes.area_m2;
   for (std::size_t n = 0; n < now.size(); ++n) {
-    const float most = least * static_cast<float>(areas_m2[n]) + share * then[n][3];
-    if ((now[n] - then[n]).abs().maxCoeff() > most) return false;
+    const Moment &m = then[n], &here = now[n];
+    const float most = least * static_cast<float>(areas_m2[n]) + share * m[3];
+    if ((here - m).abs().maxCoeff() <= most) continue;
+    const float squared = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], along = m[0] * here[0] + m[1] * here[1] + m[2] * here[2];
+    const float grown = std::clamp(squared > 0 ? along / squared : 1.0f, 1 - growth, 1 + growth);
+    const float other = std::max({std::fabs(here[0] - grown * m[0]), std::fabs(here[1] - grown * m[1]),
+                                  std::fabs(here[2] - grown * m[2]), std::fabs(here[3] - m[3]) - growth * m[3]});
+    if (other > most) return false;
   }
   return true;
 }
@@ -184,7 +231,11 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
   const RegionStencils& stencils = mesh->stencils;
   Scratch& scratch = scratch_;
   mesh->gather_positions_m(scratch.relative_m, scratch.positions_m);
-  const RegionFrame here{scratch.positions_m, mesh->proxy ? std::span<const float>() : scratch.angles_rad};
+  RegionFrame here{scratch.positions_m, {}};
+  if (!mesh->proxy) {
+    here.angles_rad = scratch.angles_rad;
+    if (stencils.nodes.of_vertex == state_.curvature->nodes.of_vertex) here.moments = state_.crumpling.now.moments;
+  }
   const bool same_map = sent == nullptr && partition_serves(frame.time_s);
   if (same_map) {
     sheet::face_geometry(*stencils.topology, scratch.positions_m, scratch.map.faces);
@@ -229,6 +280,7 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
     if (contact.speed_m_per_s <= parameters_.sliding_m_per_s) continue;
     mesh->gather_triangles(vertices_of(contact), scratch.marks, scratch.triangles);
     contact.resonators = finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndAnchors);
+    number_resonators(observation.friction, contact);
     if (contact.resonators.empty()) contact.resonators.push_back(constrained_at(contact.position_m, contact.area_m2));
   }
   for (auto& tear : observation.tears) {

@@ -1,12 +1,14 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "server/analysis/bending_activity.h"
 #include "server/analysis/contacts.h"
 #include "server/analysis/crumpling.h"
 #include "server/analysis/curvature.h"
@@ -55,6 +57,8 @@ class SheetAnalyzer {
   struct State {
     std::optional<CurvatureStencils> curvature;
     CrumplingState crumpling;
+    BendingPatches patches;  ///< of the topology of `curvature`
+    BendingState bending;
     std::optional<RegionMesh> regions;       ///< made when first needed
     std::optional<RegionMesh> sent_regions;  ///< of the sheet's own triangles, for a sent partition
     RegionState region_history;
@@ -66,6 +70,8 @@ class SheetAnalyzer {
     double earlier_s = 0;
     std::vector<BentShape> bent;  ///< of the flip memory, each more bent than those after it
     std::map<std::uint32_t, TearTip> tips;
+    int unidentified_frames = 0;                                   ///< in a row, this one included
+    double crumpled_s = -std::numeric_limits<double>::infinity();  ///< when it last did
   };
   /// Kept so that a warm frame allocates nothing.
   struct Scratch {
@@ -85,6 +91,7 @@ class SheetAnalyzer {
   struct Arrival {
     std::vector<bool> remade;
     bool silent = false;
+    bool unidentified = false;  ///< remade vertices without material coordinates
   };
   std::optional<Arrival> follow_topology(const sheet::MeshFrame& frame);
   bool partition_serves(double time_s) const;

@@ -25,6 +25,7 @@ synthesis::PlanOptions plan_options(const Options& options) {
   out.mode = options.mode == Mode::kPublished ? synthesis::Mode::kPublished : synthesis::Mode::kCorrected;
   out.rate_hz = static_cast<std::uint32_t>(options.rate_hz);
   out.origin_s = 0;
+  out.friction_fft_size = options.friction_fft_size;
   return out;
 }
 

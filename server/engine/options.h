@@ -1,16 +1,19 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
+
+#include "server/spatial/hrtf.h"
 
 namespace rustle::engine {
 
 enum class Mode { kCorrected, kPublished };
-enum class Layout { kMono = 1, kStereo = 2 };
+enum class Layout { kMono, kStereo, kBinaural };
 
 constexpr int channels_of(Layout layout) {
-  return static_cast<int>(layout);
+  return layout == Layout::kMono ? 1 : 2;
 }
 
 /// What a session's sound depends on besides its stream.
@@ -18,8 +21,10 @@ struct Options {
   std::uint64_t seed = 0;
   Mode mode = Mode::kCorrected;
   Layout layout = Layout::kStereo;
+  std::shared_ptr<const spatial::Hrtf> hrtf;  ///< for the binaural layout, at rate_hz
   int rate_hz = 48000;
-  double time_origin_s = 0;  ///< simulation time of sample 0
+  int friction_fft_size = 0;  ///< a power of two, 128 to 8192; 0: the default
+  double time_origin_s = 0;   ///< simulation time of sample 0
   /// How far rendering stays behind the newest frame: an event is dated before the frame that confirms it, and what
   /// joins it follows within 50 ms (P2), so a sound can still start at its own sample and at its full level.
   double look_ahead_s = 0.05;

@@ -9,11 +9,25 @@ namespace {
 
 using synthesis::kQuantum;
 
+spatial::Layout layout_of(Layout layout) {
+  switch (layout) {
+    case Layout::kMono:
+      return spatial::Layout::kMono;
+    case Layout::kBinaural:
+      return spatial::Layout::kBinaural;
+    case Layout::kStereo:
+      break;
+  }
+  return spatial::Layout::kStereo;
+}
+
 synthesis::RenderOptions render_options(const Options& options) {
   synthesis::RenderOptions out;
   out.mode = options.mode == Mode::kPublished ? synthesis::Mode::kPublished : synthesis::Mode::kCorrected;
   out.rate_hz = static_cast<std::uint32_t>(options.rate_hz);
-  out.layout = options.layout == Layout::kMono ? spatial::Layout::kMono : spatial::Layout::kStereo;
+  out.layout = layout_of(options.layout);
+  out.hrtf = options.hrtf;
+  out.friction_fft_size = options.friction_fft_size;
   out.max_sheets = options.max_sheets;
   return out;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,7 @@ struct Resonator {
   Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Zero();  ///< of the positions of its parts: along a plane's
                                                             ///< normal n the height spread is √(nᵀ C n) (P10)
   double disc_radius_m = 0;                                 ///< √(area/π)
+  std::uint32_t number = 0;  ///< of the frame's, from 1: contacts that reach the same resonator name the same; 0: unknown
 };
 
 /// Connected vertices whose mean curvature changed sign the same way (P2).
@@ -79,6 +81,25 @@ struct TearEvent {
   std::vector<Resonator> resonators;
 };
 
+/// A part of the sheet that was bent for good since the frame before: where the events below what the mesh shows come from
+/// (P13). A sheet has at most 16 parts, a coarse grid over its material.
+struct BendingPatch {
+  std::uint32_t patch = 0;           ///< 0 .. 15; the same part as long as the topology or its material coordinates stay
+  double change_m = 0;               ///< ∫ |dH_p| dA, H_p the part of H that stays when the sheet is let go
+  double area_m2 = 0;                ///< of the whole patch
+  Vec3d position_m = Vec3d::Zero();  ///< centroid of what changed
+  Vec3d normal = Vec3d::UnitZ();     ///< of the patch, unit length
+  double normal_spread = 0;          ///< as a resonator's
+  Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Zero();  ///< of the places of what changed
+};
+
+/// By turn_rad about from_m, while that point goes to to_m.
+struct RigidMotion {
+  Vec3d from_m = Vec3d::Zero();
+  Vec3d to_m = Vec3d::Zero();
+  Vec3d turn_rad = Vec3d::Zero();  ///< axis times angle
+};
+
 /// What one sheet did between its previous frame and this one.
 struct Observation {
   sheet::SheetId sheet = 0;
@@ -87,6 +108,9 @@ struct Observation {
   std::vector<CrumplingEvent> crumpling;
   std::vector<FrictionContact> friction;  ///< every component in contact now; an episode that is missing has ended
   std::vector<TearEvent> tears;
+  std::optional<RigidMotion> motion;  ///< of the sheet as a whole, while what crumpled in it may still sound
+  std::vector<BendingPatch> bending;  ///< the patches that changed, by rising number
+  bool unidentified = false;  ///< the mesh is made anew and has no material coordinates: no crumpling is heard where it is
 };
 
 }  // namespace rustle::observation

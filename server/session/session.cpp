@@ -17,14 +17,15 @@ constexpr double kStep_s = 0.5;  // a frame that far from its place on the sampl
 
 }  // namespace
 
-Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::PackLibrary> packs, const WallClock& clock)
+Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::PackLibrary> packs, const WallClock& clock,
+                 const std::shared_ptr<const spatial::Hrtf>& hrtf)
     : id_(std::move(id)),
       options_(settled(std::move(options))),
       clock_(clock),
       started_(clock.now()),
-      ingest_(engine_options(options_), std::move(packs)),
+      ingest_(engine_options(options_, hrtf), std::move(packs)),
       origin_s_(options_.time_origin_s),
-      render_(engine_options(options_)),
+      render_(engine_options(options_, hrtf)),
       quantum_(render_.make_quantum()),
       audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) *
              static_cast<std::size_t>(channel_count(options_.channels))) {}
@@ -199,7 +200,7 @@ bool Session::analyse() {
   }
   std::lock_guard lock(outcomes_mutex_);
   if (!observed) outcomes_.emplace_back(Refused{std::move(observed.error()), next.sequence});
-  if (seen && !(seen->crumpling.empty() && seen->friction.empty() && seen->tears.empty()))
+  if (seen && !(seen->crumpling.empty() && seen->friction.empty() && seen->tears.empty() && !seen->unidentified))
     outcomes_.emplace_back(std::move(*seen));
   if (next.sequence != 0) outcomes_.emplace_back(Analysed{next.sequence});
   return true;

@@ -68,7 +68,9 @@ struct AudioBlock {
 ///      └────────────────────┘
 class Session {
  public:
-  Session(std::string id, SessionOptions options, std::shared_ptr<pack::PackLibrary> packs, const WallClock& clock);
+  /// `hrtf`: the head that options.hrtf names, where the sound is binaural.
+  Session(std::string id, SessionOptions options, std::shared_ptr<pack::PackLibrary> packs, const WallClock& clock,
+          const std::shared_ptr<const spatial::Hrtf>& hrtf = nullptr);
 
   const std::string& id() const { return id_; }
   const SessionOptions& options() const { return options_; }  ///< as in force: nothing left at 0

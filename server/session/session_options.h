@@ -34,6 +34,8 @@ struct SessionOptions {
   ClothFeatures cloth_features = ClothFeatures::kCausal;
   std::string default_material = "printer-paper";  ///< for sheets that name none
   bool record = false;                             ///< the daemon stores the session as a capture
+  std::string hrtf;                                ///< of binaural sound, by name; empty: the default
+  std::uint32_t friction_fft_size = 0;             ///< a power of two, 128 to 8,192; 0: the default
 
   bool operator==(const SessionOptions&) const = default;
 };

@@ -1,5 +1,7 @@
 #include "server/session/settled_options.h"
 
+#include <utility>
+
 namespace rustle::session {
 namespace {
 
@@ -27,11 +29,23 @@ SessionOptions replayed(SessionOptions recorded) {
   return recorded;
 }
 
-engine::Options engine_options(const SessionOptions& options) {
+engine::Options engine_options(const SessionOptions& options, std::shared_ptr<const spatial::Hrtf> hrtf) {
   engine::Options out;
   out.seed = options.seed;
   out.mode = options.mode == SynthesisMode::kPublished ? engine::Mode::kPublished : engine::Mode::kCorrected;
-  out.layout = options.channels == ChannelLayout::kMono ? engine::Layout::kMono : engine::Layout::kStereo;
+  switch (options.channels) {
+    case ChannelLayout::kMono:
+      out.layout = engine::Layout::kMono;
+      break;
+    case ChannelLayout::kStereo:
+      out.layout = engine::Layout::kStereo;
+      break;
+    case ChannelLayout::kBinaural:
+      out.layout = engine::Layout::kBinaural;
+      out.hrtf = std::move(hrtf);
+      break;
+  }
+  out.friction_fft_size = static_cast<int>(options.friction_fft_size);
   out.rate_hz = static_cast<int>(options.rate_hz);
   out.time_origin_s = options.time_origin_s;
   out.look_ahead_s = *options.playout_delay_s;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <memory>
+
 #include "server/engine/options.h"
 #include "server/session/session_options.h"
 
@@ -12,7 +14,7 @@ SessionOptions settled(SessionOptions options);
 /// through a daemon: what belonged to the live clock does not count.
 SessionOptions replayed(SessionOptions recorded);
 
-/// The same for the engine. \pre options are settled
-engine::Options engine_options(const SessionOptions& options);
+/// The same for the engine, with the head that options.hrtf names where the sound is binaural. \pre options are settled
+engine::Options engine_options(const SessionOptions& options, std::shared_ptr<const spatial::Hrtf> hrtf = nullptr);
 
 }  // namespace rustle::session

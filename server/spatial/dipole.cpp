@@ -35,7 +35,8 @@ std::size_t paths(const Emitter& emitter, const Receiver& receiver, const Vec3& 
   assert(out.size() > planes.size());
   const double centre_distance = norm(centre_m - emitter.position_m);
   const Radiated direct = radiated(emitter.position_m, emitter.normal, emitter.cosine_floor, receiver);
-  out[0] = {direct.level, (direct.distance_m - centre_distance) / kSpeedOfSound_m_per_s, 0};
+  out[0] = {direct.level, (direct.distance_m - centre_distance) / kSpeedOfSound_m_per_s, 0,
+            emitter.position_m - receiver.position_m};
   for (std::size_t k = 0; k < planes.size(); ++k) {
     const Plane& plane = planes[k];
     const double signed_height = dot(emitter.position_m - plane.point_m, plane.normal);
@@ -51,7 +52,7 @@ std::size_t paths(const Emitter& emitter, const Receiver& receiver, const Vec3& 
     const double height_spread_m = std::sqrt(std::max(0.0, quadratic_form(emitter.covariance_m2, plane.normal)));
     out[1 + k] = {kept * image.level * image.polarity * direct.polarity,
                   (image.distance_m - centre_distance) / kSpeedOfSound_m_per_s,
-                  height_spread_m * std::abs(rise) / kSpeedOfSound_m_per_s};
+                  height_spread_m * std::abs(rise) / kSpeedOfSound_m_per_s, image_m - receiver.position_m};
   }
   return 1 + planes.size();
 }

@@ -32,6 +32,7 @@ struct Path {
   double gain = 0;     ///< pattern · reflection · |cos θ| / R, signed against the direct path
   double delay_s = 0;  ///< (R̃ - R)/c, R the direct way to the listener's centre; may be slightly negative at an ear
   double spread_s = 0;  ///< σ_t = √(nᵀ C n) ∂Δt/∂h: the cross term with the direct path fades as exp(-(ω σ_t)²/2)
+  Vec3 arrival_m;       ///< from the receiver to the emitter or its image
 };
 
 /// The direct path and one image per plane: mirrored position and normal.

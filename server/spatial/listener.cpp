@@ -12,4 +12,10 @@ Vec3 right_axis(const Listener& listener) noexcept {
   return sign * normalized(cross(f, helper), {1, 0, 0});
 }
 
+Vec3 head_coordinates(const Listener& listener, const Vec3& from_listener) noexcept {
+  const Vec3 right = right_axis(listener);
+  return {dot(from_listener, listener.forward), -dot(from_listener, right),
+          dot(from_listener, cross(right, listener.forward))};
+}
+
 }  // namespace rustle::spatial

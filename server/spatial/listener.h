@@ -22,4 +22,8 @@ struct Plane {
 /// perpendicular direction that still changes its sign with `up`.
 Vec3 right_axis(const Listener& listener) noexcept;
 
+/// A vector from the listener in the coordinates of the head: x forward, y left, z up, made perpendicular to forward.
+/// \pre forward has unit length
+Vec3 head_coordinates(const Listener& listener, const Vec3& from_listener) noexcept;
+
 }  // namespace rustle::spatial

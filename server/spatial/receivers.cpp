@@ -13,7 +13,7 @@ constexpr double kTurn_rad = 55.0 * std::numbers::pi / 180.0;
 std::array<Receiver, kMaxChannels> receivers(const Listener& listener, Layout layout) noexcept {
   std::array<Receiver, kMaxChannels> out;
   for (Receiver& receiver : out) receiver.position_m = listener.position_m;
-  if (layout == Layout::kMono) return out;
+  if (layout != Layout::kStereo) return out;
   const Vec3 right = right_axis(listener);
   const double cosine = std::cos(kTurn_rad);
   const double sine = std::sin(kTurn_rad);

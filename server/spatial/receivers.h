@@ -6,7 +6,7 @@
 
 namespace rustle::spatial {
 
-enum class Layout { kMono, kStereo };
+enum class Layout { kMono, kStereo, kBinaural };
 inline constexpr int kMaxChannels = 2;
 
 constexpr int channel_count(Layout layout) noexcept {
@@ -22,10 +22,11 @@ struct Receiver {
 };
 
 /// The listener's receivers, one per channel.
-///   mono    a point at the listener's position
-///   stereo  left, right: 8.5 cm to either side along the right axis, cardioids turned 55° outward (ORTF), scaled so that a
-///           source straight ahead has the mono level in both
-/// Negating the listener's `up` swaps the two exactly.
+///   mono      a point at the listener's position
+///   stereo    left, right: 8.5 cm to either side along the right axis, cardioids turned 55° outward (ORTF), scaled so that
+///             a source straight ahead has the mono level in both
+///   binaural  both a point at the head's centre; the ears' delays and filters are Hrtf's
+/// Negating the listener's `up` swaps the two of stereo exactly.
 std::array<Receiver, kMaxChannels> receivers(const Listener& listener, Layout layout) noexcept;
 
 }  // namespace rustle::spatial

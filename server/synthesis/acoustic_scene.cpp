@@ -41,20 +41,22 @@ Plane SceneTrack::plane_at(int slot, SampleTime time) const noexcept {
 }
 
 void SceneTrack::apply(const ListenerCue& cue, SampleTime quantum_start) noexcept {
-  const Listener now = placed_ ? listener_at(quantum_start) : cue.listener;
-  listener_ = {std::max(cue.start, quantum_start), cue.end, now, cue.listener};
+  const SampleTime start = std::max(cue.start, quantum_start);
+  const Listener now = placed_ ? listener_at(start) : cue.listener;
+  listener_ = {start, cue.end, now, cue.listener};
   placed_ = true;
   changed_ = true;
 }
 
 void SceneTrack::apply(const PlaneCue& cue, SampleTime quantum_start) noexcept {
   if (cue.slot >= spatial::kMaxPlanes) return;
-  Plane now = plane_at(cue.slot, quantum_start);
+  const SampleTime start = std::max(cue.start, quantum_start);
+  Plane now = plane_at(cue.slot, start);
   if (cue.fresh) {
     now = cue.plane;
     now.reflection = 0;
   }
-  planes_[cue.slot] = {std::max(cue.start, quantum_start), cue.end, now, cue.plane};
+  planes_[cue.slot] = {start, cue.end, now, cue.plane};
   plane_count_ = std::max(plane_count_, cue.slot + 1);
   changed_ = true;
 }

@@ -6,7 +6,9 @@
 #include <tuple>
 #include <utility>
 
+#include "server/synthesis/fine_events.h"
 #include "server/synthesis/resonator_level.h"
+#include "server/synthesis/unit_loudness.h"
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/random.h"
 #include "sound_db/pack/emission.h"
@@ -32,11 +34,17 @@ struct Event {
 
 class CrumplingPlan final : public PlanModel {
  public:
-  explicit CrumplingPlan(const PlanOptions& options) : options_(options) {}
+  explicit CrumplingPlan(const PlanOptions& options) : options_(options), fine_(options) {}
 
   void plan(const SheetPlan& sheet, const observation::Observation& observation, SampleTime earliest,
             std::vector<Cue>& out) override {
-    for (const CrumplingEvent& event : observation.crumpling) add(sheet, event, earliest, out);
+    fine_.plan(sheet, observation, earliest);
+    for (const CrumplingEvent& event : observation.crumpling) {
+      if (!(event.amplitude_m > 0) || !std::isfinite(event.amplitude_m)) continue;
+      const SampleTime onset = std::max(to_sample(options_, event.time_s), earliest);
+      fine_.plan_burst(sheet, event, peak(sheet, event), onset, earliest);
+      add(sheet, observation, event, onset, earliest, out);
+    }
     forget(to_sample(options_, observation.time_s));
   }
 
@@ -47,22 +55,22 @@ class CrumplingPlan final : public PlanModel {
     }
     std::sort(due.begin(), due.end());
     for (const auto& [start, id] : due) sound(id, events_.at(id), out);
+    fine_.release(until, out);
   }
 
   void end_sheet(const SheetPlan&, SampleTime, std::vector<Cue>&) override {}
 
-  void add_counters(PlanCounters& counters) const override { counters.sounds_missing += missing_; }
+  void add_counters(PlanCounters& counters) const override { counters.sounds_missing += missing_ + fine_.missing(); }
 
  private:
-  void add(const SheetPlan& sheet, const CrumplingEvent& event, SampleTime earliest, std::vector<Cue>& out) {
-    if (!(event.amplitude_m > 0) || !std::isfinite(event.amplitude_m)) return;
-    const SampleTime onset = std::max(to_sample(options_, event.time_s), earliest);
+  void add(const SheetPlan& sheet, const observation::Observation& seen, const CrumplingEvent& event, SampleTime onset,
+           SampleTime earliest, std::vector<Cue>& out) {
     const auto first = roots_.find(event.continues);
     if (event.continues != 0 && first != roots_.end()) {
       const std::uint64_t root = first->second;
       Event& begun = events_.at(root);
       if (!begun.released || onset - begun.onset < std::llround(kRaiseWindow_s * options_.rate_hz)) {
-        grow(root, begun, event, onset, out);
+        grow(root, begun, seen, event, onset, out);
         roots_[event.id] = root;
         return;
       }
@@ -73,9 +81,33 @@ class CrumplingPlan final : public PlanModel {
     begun.start = std::max(onset - kQuantum, earliest);
     begun.amplitude_m = begun.largest_m = event.amplitude_m;
     begun.published_amplitude_per_m = event.published_amplitude_per_m;
-    begun.resonators = resonators_of(event);
+    begun.resonators = resonators_at(onset, seen, event);
     events_[event.id] = std::move(begun);
     roots_[event.id] = event.id;
+  }
+
+  static pack::GridPoint wanted_by(const Resonator& resonator) {
+    if (resonator.constrained) return {};
+    return {resonator.ruling_length_m, resonator.free_border_length_m};
+  }
+
+  /// Of the loudest unit that the event may start, at 1 m on the axis.
+  double peak(const SheetPlan& sheet, const CrumplingEvent& event) {
+    const auto& section = sheet.material->pack().crumpling;
+    if (!section) return 0;
+    const std::vector<Resonator> resonators = resonators_of(event);
+    double loudest = 0;
+    for (const Share& share : shares(options_.mode, resonators)) {
+      const Resonator& resonator = resonators[share.index];
+      const auto variants = pack::nearest_variants(*section, wanted_by(resonator));
+      if (variants.empty()) continue;
+      const pack::Unit& unit = section->units[variants.front()];
+      const double gain =
+          share.amplitude * level(event.amplitude_m, event.published_amplitude_per_m, *section, unit, resonator);
+      const auto& figures = loudness_.of(unit.samples.data(), static_cast<std::uint32_t>(unit.samples.size()));
+      loudest = std::max(loudest, gain * figures.peak);
+    }
+    return loudest;
   }
 
   static std::vector<Resonator> resonators_of(const CrumplingEvent& event) {
@@ -83,7 +115,21 @@ class CrumplingPlan final : public PlanModel {
     return {bare_resonator(event.position_m, event.area_m2)};
   }
 
-  void grow(std::uint64_t root, Event& begun, const CrumplingEvent& event, SampleTime onset, std::vector<Cue>& out) const {
+  /// The event's resonators where they were when its sound begins: they were seen in a later frame, and their voices will go
+  /// the sheet's way from the beginning on.
+  std::vector<Resonator> resonators_at(SampleTime time, const observation::Observation& seen,
+                                       const CrumplingEvent& event) const {
+    std::vector<Resonator> out = resonators_of(event);
+    const double interval_s = seen.time_s - seen.previous_time_s;
+    if (!seen.motion || !(interval_s > 0)) return out;
+    const double since_s = static_cast<double>(to_sample(options_, seen.time_s) - time) / options_.rate_hz;
+    const sheet::Vec3d way_m = since_s / interval_s * (seen.motion->to_m - seen.motion->from_m);
+    for (Resonator& resonator : out) resonator.position_m -= way_m;
+    return out;
+  }
+
+  void grow(std::uint64_t root, Event& begun, const observation::Observation& seen, const CrumplingEvent& event,
+            SampleTime onset, std::vector<Cue>& out) const {
     const double before_m = begun.amplitude_m;
     begun.amplitude_m += event.amplitude_m;
     begun.published_amplitude_per_m += event.published_amplitude_per_m;
@@ -92,7 +138,7 @@ class CrumplingPlan final : public PlanModel {
       out.emplace_back(CrumpleRaiseCue{onset, root, bus_of(begun.sheet.index, SoundKind::kCrumpling), factor});
     } else if (event.amplitude_m > begun.largest_m) {
       begun.largest_m = event.amplitude_m;
-      begun.resonators = resonators_of(event);
+      begun.resonators = resonators_at(begun.onset, seen, event);
     }
   }
 
@@ -101,9 +147,7 @@ class CrumplingPlan final : public PlanModel {
     const auto& section = event.sheet.material->pack().crumpling;
     for (const Share& share : shares(options_.mode, event.resonators)) {
       const Resonator& resonator = event.resonators[share.index];
-      const pack::GridPoint wanted = resonator.constrained
-                                         ? pack::GridPoint{}
-                                         : pack::GridPoint{resonator.ruling_length_m, resonator.free_border_length_m};
+      const pack::GridPoint wanted = wanted_by(resonator);
       const pack::Unit* unit = section ? choose(event.sheet, id, share.index, *section, wanted) : nullptr;
       if (!unit) {
         ++missing_;
@@ -117,7 +161,8 @@ class CrumplingPlan final : public PlanModel {
       cue.resonator = static_cast<std::uint16_t>(share.index);
       cue.unit = unit->samples.data();
       cue.unit_samples = static_cast<std::uint32_t>(unit->samples.size());
-      cue.gain = static_cast<float>(share.amplitude * level(event, *section, *unit, resonator));
+      cue.gain = static_cast<float>(share.amplitude *
+                                    level(event.amplitude_m, event.published_amplitude_per_m, *section, *unit, resonator));
       cue.emitter = emitter_of(options_.mode, resonator);
       out.emplace_back(cue);
     }
@@ -136,15 +181,15 @@ class CrumplingPlan final : public PlanModel {
     return &section.units[chosen];
   }
 
-  double level(const Event& event, const pack::CrumplingSection& section, const pack::Unit& unit,
+  double level(double amplitude_m, double published_per_m, const pack::CrumplingSection& section, const pack::Unit& unit,
                const Resonator& resonator) const {
     const double reference_m = std::max(1e-9, section.reference_amplitude_m(unit.point));
     const double size = size_factor(options_.mode, resonator.disc_radius_m, unit.radius_m);
     const double emitted = pack::emission_gain(section.geometry);
     if (options_.mode == Mode::kPublished) {
-      return std::min(event.published_amplitude_per_m / (reference_m * kPublishedVertices_per_m2) * size, 1e4) * emitted;
+      return std::min(published_per_m / (reference_m * kPublishedVertices_per_m2) * size, 1e4) * emitted;
     }
-    return std::min(event.amplitude_m / reference_m, dsp::db_to_gain(kMaxCrumpling_db)) * size * emitted;
+    return std::min(amplitude_m / reference_m, dsp::db_to_gain(kMaxCrumpling_db)) * size * emitted;
   }
 
   /// Events that no continuation can reach any more.
@@ -158,6 +203,8 @@ class CrumplingPlan final : public PlanModel {
   std::map<std::uint64_t, Event> events_;         ///< by the id of the first of a chain
   std::map<std::uint64_t, std::uint64_t> roots_;  ///< event to the first of its chain
   std::map<std::tuple<sheet::SheetId, const pack::CrumplingSection*, std::uint32_t>, std::uint32_t> last_;
+  FineEventsPlan fine_;
+  UnitLoudness loudness_;
   std::uint64_t missing_ = 0;
 };
 

@@ -19,7 +19,8 @@ inline constexpr double kPublishedVertices_per_m2 = 11200.0;
 /// drawn from hash(seed, sheet, event, resonator), not the same twice running. Events wait until `release` reaches their
 /// start, so that an event which continues a waiting one adds to its amplitude (the resonators of the larger are kept); one
 /// that comes later raises its voices within 100 ms of its onset, and starts voices of its own after that. Order of release:
-/// by start, then by event. [analysis worker]
+/// by start, then by event. Each event carries a burst of fine events, and bending that lasts feeds more of them (P13, see
+/// fine_events.h); they are released likewise. [analysis worker]
 std::unique_ptr<PlanModel> make_crumpling_plan(const PlanOptions& options);
 
 }  // namespace rustle::synthesis

@@ -67,6 +67,17 @@ struct FrictionCue {
   spatial::Emitter emitter;
 };
 
+/// A sheet goes a rigid way over [start, end]; the emitters of the bus's voices go along: by turn_rad about from_m while
+/// that point goes to to_m. Cues of one bus add up, also where their spans overlap.
+struct EmitterMotionCue {
+  SampleTime start = 0;
+  SampleTime end = 0;
+  Bus bus = 0;
+  spatial::Vec3 from_m;
+  spatial::Vec3 to_m;
+  spatial::Vec3 turn_rad;  ///< axis times angle
+};
+
 /// The listener goes to this pose over [start, end]; the first one is taken at once.
 struct ListenerCue {
   SampleTime start = 0;
@@ -91,7 +102,7 @@ struct GainCue {
   float gain = 1;
 };
 
-using Cue = std::variant<CrumpleCue, CrumpleRaiseCue, FrictionCue, ListenerCue, PlaneCue, GainCue>;
+using Cue = std::variant<CrumpleCue, CrumpleRaiseCue, FrictionCue, ListenerCue, PlaneCue, GainCue, EmitterMotionCue>;
 static_assert(std::is_trivially_copyable_v<Cue>);
 
 /// When the mixer acts on a cue: in the quantum that holds this sample, or in the next to come if that one is past.

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "server/synthesis/resonator_level.h"
+#include "server/synthesis/stick_slip.h"
 #include "sound_db/dsp/random.h"
 #include "sound_db/pack/query.h"
 
@@ -27,8 +29,9 @@ class FrictionPlan final : public PlanModel {
     const SampleTime end = std::max(to_sample(options_, observation.time_s), start + samples(kLeastRamp_s));
     Sources& sources = sources_[sheet.id];
     Sources alive;
+    forget_stuck(sheet.id, observation.friction);
     for (const FrictionContact& contact : observation.friction)
-      plan_contact(sheet, contact, start, end, sources, alive, out);
+      plan_contact(sheet, contact, observation.friction, start, end, sources, alive, out);
     for (auto& [source, cue] : sources) fade(cue, start, end, out);
     sources = std::move(alive);
   }
@@ -40,6 +43,7 @@ class FrictionPlan final : public PlanModel {
     if (found == sources_.end()) return;
     for (auto& [source, cue] : found->second) fade(cue, time, time + samples(kFrictionEnd_s), out);
     sources_.erase(found);
+    stuck_.erase(sheet.id);
   }
 
   void add_counters(PlanCounters& counters) const override { counters.sounds_missing += missing_; }
@@ -49,13 +53,14 @@ class FrictionPlan final : public PlanModel {
 
   SampleTime samples(double duration_s) const { return std::llround(duration_s * options_.rate_hz); }
 
-  void plan_contact(const SheetPlan& sheet, const FrictionContact& contact, SampleTime start, SampleTime end,
-                    Sources& sounding, Sources& alive, std::vector<Cue>& out) {
+  void plan_contact(const SheetPlan& sheet, const FrictionContact& contact, const std::vector<FrictionContact>& all,
+                    SampleTime start, SampleTime end, Sources& sounding, Sources& alive, std::vector<Cue>& out) {
     const Material& material = sheet.on(contact.touched_surface);
     const auto& section = material.pack().friction;
     const bool bare = contact.resonators.empty();
     const std::vector<Resonator> assumed(bare ? 1 : 0, bare_resonator(contact.position_m, contact.area_m2));
     const std::vector<Resonator>& resonators = bare ? assumed : contact.resonators;
+    const bool loose = options_.mode != Mode::kPublished && section && comes_loose(sheet.id, contact, *section);
     for (const Share& share : shares(options_.mode, resonators)) {
       const Resonator& resonator = resonators[share.index];
       const pack::GridPoint wanted = resonator.constrained
@@ -73,14 +78,61 @@ class FrictionPlan final : public PlanModel {
       cue.source = dsp::hash(dsp::hash(options_.seed, sheet.id, contact.id), static_cast<std::uint64_t>(share.index));
       cue.bus = bus_of(sheet.index, SoundKind::kFriction);
       cue.speed_ratio = static_cast<float>(ratio);
-      cue.gain = static_cast<float>(share.amplitude * level(ratio, *section, resonator, *spectrum));
+      const double part = options_.mode == Mode::kPublished ? 1 : std::sqrt(part_in(resonator, contact, all));
+      cue.gain = static_cast<float>(part * share.amplitude * level(ratio, *section, resonator, *spectrum));
       cue.emission = material.emission(*spectrum);
       cue.gain_sigma = options_.mode == Mode::kPublished ? 0 : static_cast<float>(section->gain_sigma);
       cue.gain_cutoff_hz = static_cast<float>(section->gain_cutoff_hz);
       cue.emitter = emitter_of(options_.mode, resonator);
       if (sounding.erase(cue.source) == 0 && cue.gain < kInaudible) continue;
       out.emplace_back(cue);
+      if (loose) add_slips(cue, material.slip(*spectrum), out);
       if (cue.gain >= kInaudible) alive[cue.source] = cue;
+    }
+  }
+
+  /// The contact's part, by area, of all that touches along the same resonator: a pack's spectrum is that of a sheet with
+  /// all its contacts.
+  static double part_in(const Resonator& resonator, const FrictionContact& contact,
+                        const std::vector<FrictionContact>& all) {
+    double area_m2 = 0;
+    int count = 0;
+    for (const FrictionContact& other : all) {
+      const bool shared =
+          &other == &contact || (resonator.number != 0 && std::ranges::any_of(other.resonators, [&](const Resonator& r) {
+                                   return r.number == resonator.number;
+                                 }));
+      if (!shared) continue;
+      area_m2 += other.area_m2;
+      ++count;
+    }
+    return area_m2 > 0 ? contact.area_m2 / area_m2 : 1.0 / count;
+  }
+
+  void forget_stuck(sheet::SheetId sheet, const std::vector<FrictionContact>& contacts) {
+    std::erase_if(stuck_[sheet],
+                  [&](std::uint64_t id) { return std::ranges::find(contacts, id, &FrictionContact::id) == contacts.end(); });
+  }
+
+  /// Whether a contact that stuck slides now.
+  bool comes_loose(sheet::SheetId sheet, const FrictionContact& contact, const pack::FrictionSection& section) {
+    const double ratio = speed_ratio(contact.speed_m_per_s, section);
+    if (ratio < kStuckRatio) stuck_[sheet].insert(contact.id);
+    return ratio >= kLooseRatio && stuck_[sheet].erase(contact.id) > 0;
+  }
+
+  void add_slips(const FrictionCue& sliding, const std::vector<float>& unit, std::vector<Cue>& out) const {
+    for (const Slip& slip : slips(dsp::hash(sliding.source, static_cast<std::uint64_t>(sliding.start)), options_.rate_hz)) {
+      CrumpleCue cue;
+      cue.start = sliding.start + slip.after;
+      cue.onset = cue.start + kQuantum;
+      cue.event = sliding.source;
+      cue.bus = sliding.bus;
+      cue.unit = unit.data();
+      cue.unit_samples = static_cast<std::uint32_t>(unit.size());
+      cue.gain = static_cast<float>(slip.gain) * sliding.gain;
+      cue.emitter = sliding.emitter;
+      out.emplace_back(cue);
     }
   }
 
@@ -105,6 +157,7 @@ class FrictionPlan final : public PlanModel {
 
   PlanOptions options_;
   std::map<sheet::SheetId, Sources> sources_;
+  std::map<sheet::SheetId, std::set<std::uint64_t>> stuck_;  ///< contacts that stick
   std::uint64_t missing_ = 0;
 };
 

@@ -11,11 +11,12 @@ inline constexpr double kLeastRamp_s = 0.005;    ///< no control point is reache
 inline constexpr double kFrictionEnd_s = 0.02;   ///< how long the sources of an ended sheet fade
 
 /// Plan half of paper friction (P7, P8, P10): one source per resonator of each contact,
-///   corrected  gain = (v/v_ref)^exponent · clamp((a/a_ref)³, ±6 dB) · √(area share)
+///   corrected  gain = (v/v_ref)^exponent · clamp((a/a_ref)³, ±6 dB) · √(area share) · √(contact share)
 ///   published  gain = (v/v_ref) · (a / 5.6 cm)³
 /// with control points at the frames' times, straight in between. A contact or resonator that is missing from an observation
 /// has faded out by its time; one that appears has come up from the frame before. A source is (sheet, episode, place of the
-/// resonator in the contact's list); its noise is seeded by them and the session's seed. [analysis worker]
+/// resonator in the contact's list); its noise is seeded by them and the session's seed. Corrected, a contact that stuck
+/// comes loose in slips (stick_slip.h), which are units of their own. [analysis worker]
 std::unique_ptr<PlanModel> make_friction_plan(const PlanOptions& options);
 
 }  // namespace rustle::synthesis

@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <complex>
-#include <cstring>
 #include <numbers>
+#include <span>
+#include <vector>
 
+#include "server/synthesis/noise_spectrum.h"
 #include "sound_db/dsp/fft.h"
 #include "sound_db/dsp/random.h"
 #include "sound_db/dsp/window.h"
@@ -16,90 +19,10 @@ namespace {
 
 using spatial::Vec3;
 
-constexpr double kLeastCoherence = 1e-4;
 constexpr double kLeastSpread_s = 1e-9;
 constexpr std::uint64_t kPublishedPhases = 0x7061706572ULL;
-constexpr int kLanes = 8;
-
-/// A complex number per bin, real and imaginary parts apart. [padded to kLanes]
-struct Bins {
-  std::vector<float> re, im;
-  explicit Bins(std::size_t count) : re(count), im(count) {}
-};
-
-/// Random unit phasors, drawn from a circle of 1024.
-class PhaseTable {
- public:
-  PhaseTable() {
-    for (std::size_t i = 0; i < cos_.size(); ++i) {
-      const double angle = 2 * std::numbers::pi * (static_cast<double>(i) + 0.5) / static_cast<double>(cos_.size());
-      cos_[i] = static_cast<float>(std::cos(angle));
-      sin_[i] = static_cast<float>(std::sin(angle));
-    }
-  }
-  /// One per bin, from (seed, block) alone: six bins share 64 random bits.
-  void draw(std::uint64_t seed, std::int64_t block, Bins& out) const noexcept {
-    dsp::Random random(dsp::hash(seed, static_cast<std::uint64_t>(block)));
-    float *re = out.re.data(), *im = out.im.data();
-    const std::size_t count = out.re.size();
-    for (std::size_t k = 0; k < count; k += 6) {
-      std::uint64_t bits = random.next();
-      const std::size_t end = std::min(count, k + 6);
-      for (std::size_t j = k; j < end; ++j, bits >>= 10) {
-        const std::size_t i = bits & 1023;
-        re[j] = cos_[i];
-        im[j] = sin_[i];
-      }
-    }
-  }
-
- private:
-  std::array<float, 1024> cos_, sin_;
-};
-
-/// out_k = amplitude exp(-iωτ), ω the bin's. Each group of lanes follows from the one before by one rotation.
-void phase_ramp(double amplitude, double radians_per_bin, Bins& out) noexcept {
-  if (radians_per_bin == 0) {
-    std::fill(out.re.begin(), out.re.end(), static_cast<float>(amplitude));
-    std::fill(out.im.begin(), out.im.end(), 0.0F);
-    return;
-  }
-  const std::complex<double> turn = std::polar(1.0, -radians_per_bin);
-  std::array<float, kLanes> re, im;
-  std::complex<double> value = amplitude, whole = 1;
-  for (std::size_t j = 0; j < kLanes; ++j) {
-    re[j] = static_cast<float>(value.real());
-    im[j] = static_cast<float>(value.imag());
-    value *= turn;
-    whole *= turn;
-  }
-  const auto c = static_cast<float>(whole.real()), s = static_cast<float>(whole.imag());
-  float* __restrict out_re = out.re.data(), * __restrict out_im = out.im.data();
-  const std::size_t count = out.re.size();
-  for (std::size_t k = 0; k < count; k += kLanes) {
-    for (std::size_t j = 0; j < kLanes; ++j) {
-      out_re[k + j] = re[j];
-      out_im[k + j] = im[j];
-      const float next = re[j] * c - im[j] * s;
-      im[j] = re[j] * s + im[j] * c;
-      re[j] = next;
-    }
-  }
-}
-
-/// phases = γ phases + √(1 - γ²) other, γ_k = exp(-(k x)²/2).
-void spread(double x, const Bins& other, Bins& phases) noexcept {
-  const double shrink = std::exp(-x * x);
-  double coherence = 1, ratio = std::exp(-0.5 * x * x);
-  for (std::size_t k = 0; k < phases.re.size(); ++k) {
-    const auto kept = static_cast<float>(coherence);
-    const float own = std::sqrt(std::max(0.0F, 1 - kept * kept));
-    phases.re[k] = kept * phases.re[k] + own * other.re[k];
-    phases.im[k] = kept * phases.im[k] + own * other.im[k];
-    coherence = coherence > kLeastCoherence ? coherence * ratio : 0;
-    ratio *= shrink;
-  }
-}
+constexpr std::uint64_t kImagePhases = 2;
+constexpr std::size_t kHopParts = 8;
 
 double mixed(double a, double b, double t) noexcept {
   return t >= 1 ? b : a + t * (b - a);
@@ -132,6 +55,38 @@ struct Control {
   spatial::Emitter emitter;
 };
 
+/// Unit-variance Gaussian noise over the line: independent normals at the integers, Catmull-Rom between them, its weights
+/// scaled to unit power. Keeps the four nodes it last used. \pre x is at least 0 and never falls
+class SlowNoise {
+ public:
+  double at(std::uint64_t seed, double x) noexcept {
+    const double whole = std::floor(x);
+    const auto node = static_cast<std::int64_t>(whole);
+    for (; node_ < node; ++node_) {
+      if (node - node_ > 4) node_ = node - 4;
+      std::copy(normals_.begin() + 1, normals_.end(), normals_.begin());
+      normals_[3] = normal(seed, node_ + 3);
+    }
+    const double f = x - whole;
+    const std::array<double, 4> w{((2 - f) * f - 1) * f / 2, ((3 * f - 5) * f * f + 2) / 2, ((4 - 3 * f) * f + 1) * f / 2,
+                                  (f - 1) * f * f / 2};
+    double sum = 0, power = 0;
+    for (std::size_t j = 0; j < 4; ++j) {
+      sum += w[j] * normals_[j];
+      power += w[j] * w[j];
+    }
+    return sum / std::sqrt(power);
+  }
+
+ private:
+  static double normal(std::uint64_t seed, std::int64_t node) noexcept {
+    return dsp::Random(dsp::hash(seed, static_cast<std::uint64_t>(node), 1)).normal();
+  }
+
+  std::int64_t node_ = -5;
+  std::array<double, 4> normals_{};  ///< at node_ - 1 to node_ + 2
+};
+
 struct Source {
   bool active = false;
   std::uint64_t key = 0;
@@ -140,8 +95,8 @@ struct Source {
   const float* emission = nullptr;
   double sigma = 0;
   double cutoff_hz = 0;
-  double drift = 0;                            ///< how far the slow random gain has come, in its nodes
-  std::array<float, kDelayHops> amplitudes{};  ///< of the last blocks, this one first
+  double drift = 0;  ///< how far the slow random gain has come, in its nodes
+  SlowNoise slow;
 
   Control at(SampleTime time, double hold, double fade) const noexcept {
     const double t = control.progress(time);
@@ -152,26 +107,6 @@ struct Source {
     return now;
   }
 };
-
-double normal_from(std::uint64_t seed, std::int64_t node) noexcept {
-  return dsp::Random(dsp::hash(seed, static_cast<std::uint64_t>(node), 1)).normal();
-}
-
-/// Unit-variance Gaussian noise over the line: independent normals at the integers, Catmull-Rom between them, its weights
-/// scaled to unit power.
-double slow_noise(std::uint64_t seed, double x) noexcept {
-  const double whole = std::floor(x);
-  const auto node = static_cast<std::int64_t>(whole);
-  const double f = x - whole;
-  const std::array<double, 4> w{((2 - f) * f - 1) * f / 2, ((3 * f - 5) * f * f + 2) / 2, ((4 - 3 * f) * f + 1) * f / 2,
-                                (f - 1) * f * f / 2};
-  double sum = 0, power = 0;
-  for (int j = 0; j < 4; ++j) {
-    sum += w[static_cast<std::size_t>(j)] * normal_from(seed, node + j - 1);
-    power += w[static_cast<std::size_t>(j)] * w[static_cast<std::size_t>(j)];
-  }
-  return sum / std::sqrt(power);
-}
 
 bool finite(const FrictionCue& cue) noexcept {
   const Vec3& p = cue.emitter.position_m;
@@ -187,22 +122,28 @@ class FrictionNoise final : public RenderModel {
       : published_(options.mode == Mode::kPublished),
         channels_(options.channels()),
         rate_hz_(options.rate_hz),
-        size_(friction_fft_size(options.rate_hz)),
+        size_(friction_fft_size(options.rate_hz, options.friction_fft_size)),
         hop_(size_ / 2),
-        bins_(static_cast<std::size_t>(size_ / 2 + 1)),
-        padded_((bins_ + kLanes - 1) / kLanes * kLanes),
+        history_(std::max<std::size_t>(2, static_cast<std::size_t>(std::ceil(kLongestDelay_s * rate_hz_ / hop_)))),
+        bins_(static_cast<std::size_t>(size_ / 2)),
+        hrtf_(options.layout == spatial::Layout::kBinaural ? options.hrtf : nullptr),
         fft_(size_),
         window_(static_cast<std::size_t>(size_)),
-        phases_(padded_),
-        shifted_(padded_),
-        image_phases_(padded_),
-        ramp_(padded_),
-        sources_(static_cast<std::size_t>(options.max_friction_sources)) {
+        gamma_(bins_),
+        rest_(bins_),
+        own_(bins_),
+        way_(bins_),
+        way_own_(bins_),
+        response_(bins_),
+        shared_(static_cast<std::size_t>(channels_), ComplexBins(bins_)),
+        spectra_(static_cast<std::size_t>(channels_) * kHopParts, ComplexBins(bins_)),
+        sources_(static_cast<std::size_t>(options.max_friction_sources)),
+        amplitudes_(sources_.size() * history_) {
+    assert(hop_ % kQuantum == 0 && bins_ % (2 * kBinLanes) == 0);
     dsp::sine_window(window_);
     outputs_.reserve(static_cast<std::size_t>(options.max_sheets * channels_));
-    for (int i = 0; i < options.max_sheets * channels_; ++i) outputs_.emplace_back(padded_, static_cast<std::size_t>(hop_));
+    for (int i = 0; i < options.max_sheets * channels_; ++i) outputs_.emplace_back(3 * bins_);
     hops_left_.resize(static_cast<std::size_t>(options.max_sheets));
-    touched_.resize(hops_left_.size());
   }
 
   void apply(const Cue& any, const SceneSpan&, SampleTime quantum_start) noexcept override {
@@ -237,7 +178,7 @@ class FrictionNoise final : public RenderModel {
       const Bus bus = bus_of(static_cast<int>(sheet), SoundKind::kFriction);
       for (int c = 0; c < channels_; ++c) {
         float* samples = out.add_to(bus, c);
-        const float* ready = output(sheet, c).ready.data() + within;
+        const float* ready = output(sheet, c).data() + within;
         for (int n = 0; n < kQuantum; ++n) samples[n] += ready[n];
       }
     }
@@ -252,15 +193,8 @@ class FrictionNoise final : public RenderModel {
   }
 
  private:
-  /// One channel of one bus: the spectrum of the block in the making, its first half to be heard, its second to be
-  /// overlapped.
-  struct Output {
-    Bins spectrum;
-    std::vector<float> ready, tail;
-    Output(std::size_t bins, std::size_t hop) : spectrum(bins), ready(hop), tail(hop) {}
-  };
-
-  Output& output(std::size_t sheet, int channel) noexcept {
+  /// Three hops of one channel of one sheet, the first of which is being heard.
+  std::vector<float>& output(std::size_t sheet, int channel) noexcept {
     return outputs_[sheet * static_cast<std::size_t>(channels_) + static_cast<std::size_t>(channel)];
   }
 
@@ -288,6 +222,7 @@ class FrictionNoise final : public RenderModel {
       if (chosen->control.to.gain >= cue.gain) return nullptr;
     }
     *chosen = Source{};
+    std::ranges::fill(amplitudes(*chosen), 0.0F);
     chosen->active = true;
     chosen->key = cue.source;
     const Control silent{0, cue.speed_ratio, cue.emitter};
@@ -296,53 +231,58 @@ class FrictionNoise final : public RenderModel {
   }
 
   void next_block(const AcousticScene& scene, SampleTime start) noexcept {
-    if (sources_active_ > 0) {
-      for (Source& source : sources_) {
-        if (source.active) add_source(source, scene, start);
-      }
-    }
     buses_sounding_ = 0;
     for (std::size_t sheet = 0; sheet < hops_left_.size(); ++sheet) {
-      if (touched_[sheet]) {
-        for (int c = 0; c < channels_; ++c) transform(output(sheet, c));
-        hops_left_[sheet] = 2;
-        touched_[sheet] = 0;
-      } else if (hops_left_[sheet] > 0 && --hops_left_[sheet] > 0) {
-        for (int c = 0; c < channels_; ++c) {
-          Output& o = output(sheet, c);
-          std::swap(o.ready, o.tail);
-          std::fill(o.tail.begin(), o.tail.end(), 0.0F);
+      made_.fill(false);
+      if (sources_active_ > 0) {
+        for (Source& source : sources_) {
+          if (source.active && static_cast<std::size_t>(sheet_of(source.bus)) == sheet) add_source(source, scene, start);
         }
       }
+      const bool late = std::any_of(made_.begin() + 1, made_.end(), [](bool made) { return made; });
+      if (hops_left_[sheet] == 0 && !late && !made_[0]) continue;
+      for (int c = 0; c < channels_; ++c) overlap(output(sheet, c), c);
+      hops_left_[sheet] = std::max(hops_left_[sheet] - 1, late ? 3 : made_[0] ? 2 : 0);
       if (hops_left_[sheet] > 0) ++buses_sounding_;
     }
   }
 
-  void transform(Output& o) noexcept {
-    const auto spectrum = fft_.spectrum();
-    const float scale = std::sqrt(static_cast<float>(size_));
-    for (std::size_t k = 0; k < bins_; ++k) spectrum[k] = {scale * o.spectrum.re[k], scale * o.spectrum.im[k]};
-    spectrum[0] = spectrum[bins_ - 1] = 0;
-    fft_.inverse();
-    const auto block = fft_.time();
-    const auto hop = static_cast<std::size_t>(hop_);
-    for (std::size_t n = 0; n < hop; ++n) {
-      o.ready[n] = o.tail[n] + window_[n] * block[n];
-      o.tail[n] = window_[hop + n] * block[hop + n];
+  /// Moves on by a hop and adds what was made.
+  void overlap(std::vector<float>& sum, int channel) noexcept {
+    std::copy(sum.begin() + hop_, sum.end(), sum.begin());
+    std::fill(sum.end() - hop_, sum.end(), 0.0F);
+    for (std::size_t part = 0; part < kHopParts; ++part) {
+      if (!made_[part]) continue;
+      ComplexBins& made = spectrum(channel, part);
+      const auto bins = fft_.spectrum();
+      const float scale = std::sqrt(static_cast<float>(size_));
+      for (std::size_t g = 0, k = 0; k < bins_; ++g) {
+        for (std::size_t j = 0; j < kBinLanes; ++j, ++k) bins[k] = {scale * made.re[g].at[j], scale * made.im[g].at[j]};
+      }
+      bins[0] = bins[bins_] = 0;
+      fft_.inverse();
+      const auto block = fft_.time();
+      float* from = sum.data() + part * bins_ / kHopParts;
+      for (std::size_t n = 0; n < block.size(); ++n) from[n] += window_[n] * block[n];
+      set_zero(made);
     }
-    std::fill(o.spectrum.re.begin(), o.spectrum.re.end(), 0.0F);
-    std::fill(o.spectrum.im.begin(), o.spectrum.im.end(), 0.0F);
+  }
+
+  /// A source's amplitude in its last blocks, this one first.
+  std::span<float> amplitudes(const Source& source) noexcept {
+    return std::span(amplitudes_).subspan(static_cast<std::size_t>(&source - sources_.data()) * history_, history_);
   }
 
   void add_source(Source& source, const AcousticScene& scene, SampleTime start) noexcept {
     const Control now = source.at(start, kUnrenewed_s * rate_hz_, kUnrenewedFade_s * rate_hz_);
     double gain = now.gain;
     if (source.sigma > 0 && gain > 0)
-      gain *= std::exp(source.sigma * slow_noise(source.key, source.drift) - source.sigma * source.sigma);
+      gain *= std::exp(source.sigma * source.slow.at(source.key, source.drift) - source.sigma * source.sigma);
     source.drift += 2 * source.cutoff_hz * now.speed_ratio * hop_ / rate_hz_;
-    std::copy_backward(source.amplitudes.begin(), source.amplitudes.end() - 1, source.amplitudes.end());
-    source.amplitudes[0] = static_cast<float>(gain);
-    const bool heard = std::any_of(source.amplitudes.begin(), source.amplitudes.end(), [](float a) { return a != 0; });
+    const std::span<float> past = amplitudes(source);
+    std::copy_backward(past.begin(), past.end() - 1, past.end());
+    past[0] = static_cast<float>(gain);
+    const bool heard = std::any_of(past.begin(), past.end(), [](float a) { return a != 0; });
     if (!heard && start >= source.control.end && now.gain == 0) {
       source.active = false;
       --sources_active_;
@@ -353,75 +293,145 @@ class FrictionNoise final : public RenderModel {
 
   static std::int64_t floor_divide(SampleTime a, SampleTime b) noexcept { return a / b - (a % b < 0 ? 1 : 0); }
 
+  /// One path as it reaches the channels.
+  struct Way {
+    std::size_t back = 0;  ///< how many blocks ago what arrives now was sent
+    std::size_t part = 0;  ///< of a hop, that it comes later still
+    bool heard = false;
+    double spread_s = 0;
+    spatial::Hrtf::Place place;
+    std::array<double, spatial::kMaxChannels> gain{}, rest_s{};  ///< per channel; the delay beyond these
+  };
+  using Ways = std::array<Way, spatial::kMaxPaths>;
+
+  std::size_t find_ways(const Source& source, const spatial::Emitter& emitter, const AcousticScene& scene,
+                        Ways& ways) noexcept {
+    std::array<spatial::Path, spatial::kMaxPaths> paths;
+    const auto planes = scene.used_planes();
+    const spatial::Vec3& centre_m = scene.listener.position_m;
+    const double hop_s = hop_ / rate_hz_, part_s = hop_s / kHopParts;
+    const std::span<float> past = amplitudes(source);
+    const std::size_t count = spatial::paths(emitter, {centre_m}, centre_m, planes, paths);
+    for (std::size_t p = 0; p < count; ++p) {
+      const double parts = std::clamp(paths[p].delay_s / part_s, 0.0, static_cast<double>(kHopParts * history_ - 1));
+      const auto whole = static_cast<std::size_t>(std::llround(parts));
+      ways[p].back = std::min(whole / kHopParts, history_ - 1);
+      ways[p].part = whole % kHopParts;
+      ways[p].spread_s = paths[p].spread_s;
+      ways[p].heard = false;
+      if (hrtf_) ways[p].place = hrtf_->place(spatial::head_coordinates(scene.listener, paths[p].arrival_m));
+    }
+    for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
+      if (channels_ > 1 && !hrtf_) spatial::paths(emitter, scene.receivers[c], centre_m, planes, paths);
+      for (std::size_t p = 0; p < count; ++p) {
+        Way& way = ways[p];
+        const double delay_s = paths[p].delay_s + (hrtf_ ? hrtf_->delay_s(way.place, static_cast<int>(c)) : 0);
+        way.gain[c] = past[way.back] * paths[p].gain;
+        const auto parts = static_cast<double>(kHopParts * way.back + way.part);
+        way.rest_s[c] = std::clamp(delay_s - parts * part_s, -hop_s, hop_s);
+        way.heard = way.heard || way.gain[c] != 0;
+      }
+    }
+    return count;
+  }
+
+  /// Paths whose delays have the same whole share one transfer function.
   void add_paths(const Source& source, const spatial::Emitter& emitter, const AcousticScene& scene,
                  std::int64_t block) noexcept {
-    std::array<std::array<spatial::Path, spatial::kMaxPaths>, spatial::kMaxChannels> ways;
-    std::array<spatial::Path, spatial::kMaxPaths> at_centre;
-    spatial::Receiver centre;
-    centre.position_m = scene.listener.position_m;
-    const auto planes = scene.used_planes();
-    const std::size_t count = spatial::paths(emitter, centre, centre.position_m, planes, at_centre);
-    for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
-      spatial::paths(emitter, scene.receivers[c], centre.position_m, planes, ways[c]);
-    }
-    const std::uint64_t seed = published_ ? kPublishedPhases : source.key;
-    std::int64_t drawn = -1;  // how many blocks back the phases in phases_ are
+    Ways ways;
+    const std::size_t count = find_ways(source, emitter, scene, ways);
     for (std::size_t p = 0; p < count; ++p) {
-      const double delay_hops = at_centre[p].delay_s * rate_hz_ / hop_;
-      const std::int64_t back = std::clamp<std::int64_t>(std::llround(std::min(delay_hops, 1e6)), 0, kDelayHops - 1);
-      const float amplitude = source.amplitudes[static_cast<std::size_t>(back)];
-      bool reaches = false;
-      for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
-        reaches = reaches || ways[c][p].gain != 0;
+      if (!ways[p].heard) continue;
+      const std::size_t back = ways[p].back, part = ways[p].part;
+      const auto sent = static_cast<std::uint64_t>(block - static_cast<std::int64_t>(back));
+      for (ComplexBins& transfer : shared_) set_zero(transfer);
+      for (std::size_t q = p; q < count; ++q) {
+        if (!ways[q].heard || ways[q].back != back || ways[q].part != part) continue;
+        ways[q].heard = false;
+        add_way(source, ways[q], dsp::hash(phases_of(source), sent, kImagePhases + q));
       }
-      if (amplitude == 0 || !reaches) continue;
-      if (drawn != back) table_.draw(seed, block - back, phases_);
-      drawn = back;
-      const Bins* phases = &phases_;
-      if (at_centre[p].spread_s > kLeastSpread_s) {
-        shifted_ = phases_;
-        table_.draw(dsp::hash(seed, p, 2), block - back, image_phases_);
-        spread(radians_per_bin(at_centre[p].spread_s), image_phases_, shifted_);
-        phases = &shifted_;
+      const std::uint64_t seed = dsp::hash(phases_of(source), sent);
+      for (int c = 0; c < channels_; ++c) {
+        add_turned(seed, source.emission, shared_[static_cast<std::size_t>(c)], spectrum(c, part));
       }
-      const std::size_t sheet = static_cast<std::size_t>(sheet_of(source.bus));
-      touched_[sheet] = 1;
-      for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
-        const spatial::Path& way = ways[c][p];
-        const double rest_s =
-            std::clamp(way.delay_s - static_cast<double>(back) * hop_ / rate_hz_, -hop_ / rate_hz_, hop_ / rate_hz_);
-        Bins& spectrum = output(sheet, static_cast<int>(c)).spectrum;
-        phase_ramp(amplitude * way.gain, radians_per_bin(rest_s), ramp_);
-        accumulate(source.emission, *phases, spectrum);
+      made_[part] = true;
+    }
+  }
+
+  /// What of a path shares the direct path's phases goes to shared_, the rest under its own straight to the output.
+  void add_way(const Source& source, const Way& way, std::uint64_t own_seed) noexcept {
+    const bool extended = way.spread_s > kLeastSpread_s;
+    if (extended) coherence(radians_per_bin(way.spread_s), gamma_, rest_);
+    for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
+      ComplexBins& shared = hrtf_ ? way_ : shared_[c];
+      if (hrtf_) set_zero(way_);
+      if (extended) {
+        set_zero(own_);
+        add_delayed(way.gain[c], radians_per_bin(way.rest_s[c]), gamma_, rest_, shared, own_);
+      } else {
+        add_delayed(way.gain[c], radians_per_bin(way.rest_s[c]), shared);
+      }
+      if (hrtf_) {
+        respond(way.place, static_cast<int>(c));
+        add_product(response_, way_, shared_[c]);
+      }
+      if (!extended) continue;
+      if (hrtf_) {
+        set_zero(way_own_);
+        add_product(response_, own_, way_own_);
+      }
+      add_turned(own_seed, source.emission, hrtf_ ? way_own_ : own_, spectrum(static_cast<int>(c), way.part));
+    }
+  }
+
+  /// The ear's response to a direction, in response_.
+  void respond(const spatial::Hrtf::Place& place, int ear) noexcept {
+    const auto taps = static_cast<std::size_t>(hrtf_->taps());
+    const auto time = fft_.time();
+    std::fill(time.begin(), time.end(), 0.0F);
+    if (taps <= time.size()) {
+      hrtf_->filter(place, ear, time.first(taps));
+    } else {
+      std::array<float, spatial::Hrtf::kMostTaps> filter;
+      hrtf_->filter(place, ear, std::span(filter).first(taps));
+      for (std::size_t n = 0; n < taps; ++n) time[n % time.size()] += filter[n];
+    }
+    fft_.forward();
+    const auto spectrum = fft_.spectrum();
+    for (std::size_t g = 0, k = 0; k < bins_; ++g) {
+      for (std::size_t j = 0; j < kBinLanes; ++j, ++k) {
+        response_.re[g].at[j] = spectrum[k].real();
+        response_.im[g].at[j] = spectrum[k].imag();
       }
     }
+  }
+
+  std::uint64_t phases_of(const Source& source) const noexcept { return published_ ? kPublishedPhases : source.key; }
+
+  ComplexBins& spectrum(int channel, std::size_t part) noexcept {
+    return spectra_[static_cast<std::size_t>(channel) * kHopParts + part];
   }
 
   double radians_per_bin(double delay_s) const noexcept { return 2 * std::numbers::pi * delay_s * rate_hz_ / size_; }
-
-  void accumulate(const float* emission, const Bins& phases, Bins& spectrum) const noexcept {
-    const float* __restrict a = ramp_.re.data(), * __restrict b = ramp_.im.data();
-    const float* __restrict p = phases.re.data(), * __restrict q = phases.im.data(), * __restrict e = emission;
-    float* __restrict re = spectrum.re.data(), * __restrict im = spectrum.im.data();
-    for (std::size_t k = 0; k < bins_; ++k) {
-      re[k] += e[k] * (a[k] * p[k] - b[k] * q[k]);
-      im[k] += e[k] * (a[k] * q[k] + b[k] * p[k]);
-    }
-  }
 
   bool published_;
   int channels_;
   double rate_hz_;
   int size_, hop_;
-  std::size_t bins_, padded_;
+  std::size_t history_;  ///< blocks whose amplitude is kept
+  std::size_t bins_;     ///< all but the Nyquist frequency's
+  std::shared_ptr<const spatial::Hrtf> hrtf_;
   dsp::RealFft fft_;
-  PhaseTable table_;
   std::vector<float> window_;
-  Bins phases_, shifted_, image_phases_, ramp_;
+  RealBins gamma_, rest_;
+  ComplexBins own_, way_, way_own_, response_;
+  std::vector<ComplexBins> shared_;     ///< per channel: transfer function of the paths that share phases
+  std::vector<ComplexBins> spectra_;    ///< [channel][part of a hop] of the block and sheet in the making
+  std::array<bool, kHopParts> made_{};  ///< which parts are not empty
   std::vector<Source> sources_;
-  std::vector<Output> outputs_;          ///< [sheet][channel]
-  std::vector<std::uint8_t> hops_left_;  ///< per sheet: blocks still to be heard
-  std::vector<std::uint8_t> touched_;    ///< per sheet: the block in the making is not empty
+  std::vector<float> amplitudes_;            ///< [source][history_]
+  std::vector<std::vector<float>> outputs_;  ///< [sheet][channel]
+  std::vector<int> hops_left_;               ///< per sheet: still to be heard
   int sources_active_ = 0;
   int buses_sounding_ = 0;
   std::uint64_t dropped_ = 0;

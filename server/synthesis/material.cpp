@@ -3,24 +3,38 @@
 #include <cassert>
 #include <utility>
 
+#include "server/synthesis/stick_slip.h"
 #include "sound_db/pack/emission.h"
 
 namespace rustle::synthesis {
 
-Material::Material(std::shared_ptr<const pack::SoundPack> pack, std::uint32_t rate_hz) : pack_(std::move(pack)) {
+Material::Material(std::shared_ptr<const pack::SoundPack> pack, std::uint32_t rate_hz, int friction_fft_size_or_0)
+    : pack_(std::move(pack)) {
   assert(pack_ && pack_->rate_hz == rate_hz && "a pack is loaded at the session's rate");
   if (!pack_->friction) return;
-  const int bins = friction_fft_size(rate_hz) / 2 + 1;
+  const int bins = friction_fft_size(rate_hz, friction_fft_size_or_0) / 2 + 1;
   emissions_.reserve(pack_->friction->spectra.size());
+  slips_.reserve(emissions_.capacity());
+  const int slip_bins = friction_fft_size(rate_hz) / 2 + 1;
   for (const pack::Spectrum& spectrum : pack_->friction->spectra) {
     emissions_.push_back(pack::emission_spectrum(*pack_->friction, spectrum, bins, rate_hz));
+    const auto slipping = pack::emission_spectrum(*pack_->friction, spectrum, slip_bins, rate_hz);
+    slips_.push_back(slip_unit(slipping, rate_hz, slips_.size()));
   }
 }
 
-const float* Material::emission(const pack::Spectrum& spectrum) const noexcept {
+std::size_t Material::index_of(const pack::Spectrum& spectrum) const noexcept {
   const auto index = static_cast<std::size_t>(&spectrum - pack_->friction->spectra.data());
   assert(index < emissions_.size());
-  return emissions_[index].data();
+  return index;
+}
+
+const float* Material::emission(const pack::Spectrum& spectrum) const noexcept {
+  return emissions_[index_of(spectrum)].data();
+}
+
+const std::vector<float>& Material::slip(const pack::Spectrum& spectrum) const noexcept {
+  return slips_[index_of(spectrum)];
 }
 
 }  // namespace rustle::synthesis

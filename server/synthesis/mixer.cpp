@@ -5,6 +5,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "server/synthesis/denormals.h"
 #include "server/synthesis/model_registry.h"
 
 namespace rustle::synthesis {
@@ -32,6 +33,7 @@ bool usable(const Cue& cue, int buses) noexcept {
   if (const auto* gain = std::get_if<GainCue>(&cue)) return gain->bus < buses && std::isfinite(gain->gain);
   if (const auto* friction = std::get_if<FrictionCue>(&cue)) return friction->bus < buses;
   if (const auto* raise = std::get_if<CrumpleRaiseCue>(&cue)) return raise->bus < buses;
+  if (const auto* motion = std::get_if<EmitterMotionCue>(&cue)) return motion->bus < buses;
   return std::get<CrumpleCue>(cue).bus < buses;
 }
 
@@ -45,6 +47,7 @@ Order order_of(const Cue& cue) noexcept {
   if (const auto* c = std::get_if<FrictionCue>(&cue)) return {start, kind, c->bus, c->source, 0};
   if (const auto* c = std::get_if<PlaneCue>(&cue)) return {start, kind, c->slot, 0, 0};
   if (const auto* c = std::get_if<GainCue>(&cue)) return {start, kind, c->bus, 0, 0};
+  if (const auto* c = std::get_if<EmitterMotionCue>(&cue)) return {start, kind, c->bus, 0, 0};
   return {start, kind, 0, 0, 0};
 }
 
@@ -88,6 +91,10 @@ void Mixer::act(const Cue& cue, SampleTime quantum_start) noexcept {
 
 void Mixer::act_on_due(SampleTime quantum_start) noexcept {
   due_.clear();
+  if (waiting_.empty()) {
+    scene_.advance(quantum_start);
+    return;
+  }
   std::size_t kept = 0;
   for (std::size_t i = 0; i < waiting_.size(); ++i) {
     if (start_of(waiting_[i]) < quantum_start + kQuantum) {
@@ -117,7 +124,7 @@ void Mixer::act_on_due(SampleTime quantum_start) noexcept {
 void Mixer::render(SampleTime quantum_start, std::span<float> out) noexcept {
   assert(quantum_start % kQuantum == 0);
   assert(out.size() == quantum_size());
-  std::fill(out.begin(), out.end(), 0.0F);
+  const FlushDenormals flush_denormals;
   std::fill(sounding_.begin(), sounding_.end(), std::uint8_t{0});
   act_on_due(quantum_start);
   const BusSamples samples{out.data(), sounding_.data(), channels()};

@@ -37,12 +37,13 @@ class Mixer {
   /// there, and those beyond kMaxWaitingCues, are dropped and counted. [render worker]
   void apply(const Cue& cue) noexcept RUSTLE_NONBLOCKING;
 
-  /// Renders [quantum_start, quantum_start + kQuantum) of every bus into out, [bus][channel][kQuantum].
+  /// Renders [quantum_start, quantum_start + kQuantum) of every bus into out, [bus][channel][kQuantum]. A bus that does not
+  /// sound is left as it was.
   /// [render worker]
   /// \pre quantum_start is a multiple of kQuantum and follows the last one; out.size() == quantum_size()
   void render(SampleTime quantum_start, std::span<float> out) noexcept RUSTLE_NONBLOCKING;
 
-  /// Whether the quantum just rendered has anything in this bus; if not, its samples are all zero. [render worker]
+  /// Whether the quantum just rendered has anything in this bus; if not, its samples mean nothing. [render worker]
   bool sounding(Bus bus) const noexcept RUSTLE_NONBLOCKING { return sounding_[bus] != 0; }
 
   /// Nothing sounds and nothing will without a further cue. [render worker]

@@ -15,7 +15,7 @@ SampleTime to_sample(const PlanOptions& options, double time_s) noexcept {
   return std::isnan(samples) ? 0 : std::llround(std::clamp(samples, -kMost, kMost));
 }
 
-Planner::Planner(const PlanOptions& options) : options_(options) {
+Planner::Planner(const PlanOptions& options) : options_(options), bursts_(options) {
   for (const SoundModel& model : sound_models()) models_.push_back(model.make_plan(options));
 }
 
@@ -29,7 +29,7 @@ const Material* Planner::material(const std::shared_ptr<const pack::SoundPack>& 
   for (const auto& known : materials_) {
     if (known->shared() == pack) return known.get();
   }
-  materials_.push_back(std::make_unique<Material>(pack, options_.rate_hz));
+  materials_.push_back(std::make_unique<Material>(pack, options_.rate_hz, options_.friction_fft_size));
   return materials_.back().get();
 }
 
@@ -47,11 +47,23 @@ void Planner::add_sheet(const SheetSetup& setup, SampleTime earliest, std::vecto
 void Planner::plan(const observation::Observation& observation, SampleTime earliest, std::vector<Cue>& out) {
   const auto sheet = sheets_.find(observation.sheet);
   if (sheet == sheets_.end()) return;
+  const std::size_t first = out.size();
   for (const auto& model : models_) model->plan(sheet->second, observation, earliest, out);
+  if (observation.motion) {
+    const auto& [from_m, to_m, turn_rad] = *observation.motion;
+    const Motion way = motion(observation.time_s, to_sample(options_, observation.previous_time_s), earliest);
+    const Bus bus = bus_of(sheet->second.index, SoundKind::kCrumpling);
+    out.emplace_back(EmitterMotionCue{way.start, way.end, bus, from_m, to_m, turn_rad});
+  }
+  bursts_.redirect_raises(out, first);
+  bursts_.forget(to_sample(options_, observation.time_s));
 }
 
 void Planner::release(SampleTime until, std::vector<Cue>& out) {
-  for (const auto& model : models_) model->release(until, out);
+  const std::size_t first = out.size();
+  const SampleTime whole = bursts_.whole_slots(until);
+  for (const auto& model : models_) model->release(whole, out);
+  bursts_.merge(out, first);
 }
 
 Planner::Motion Planner::motion(double time_s, SampleTime previous, SampleTime earliest) const {
@@ -153,6 +165,7 @@ void Planner::end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& ou
 PlanCounters Planner::counters() const {
   PlanCounters counters;
   counters.planes_left_out = planes_left_out_;
+  counters.voices_merged = bursts_.merged();
   for (const auto& model : models_) model->add_counters(counters);
   return counters;
 }

@@ -11,6 +11,7 @@
 #include "server/observation/observation.h"
 #include "server/spatial/listener.h"
 #include "server/synthesis/cue.h"
+#include "server/synthesis/dense_bursts.h"
 #include "server/synthesis/material.h"
 #include "server/synthesis/sound_model.h"
 
@@ -62,7 +63,8 @@ class Planner {
   /// still join it. An unknown sheet is ignored.
   void plan(const observation::Observation& observation, SampleTime earliest, std::vector<Cue>& out);
 
-  /// Hands over the waiting cues that start before `until`. To be called before `until` is promised to the render side.
+  /// Hands over the waiting cues that start before `until`, and those of the same 2 ms slots: dense bursts are merged (P9).
+  /// To be called before `until` is promised to the render side.
   void release(SampleTime until, std::vector<Cue>& out);
 
   /// The listener is there at time_s; it moves there from the time of its last pose.
@@ -110,6 +112,7 @@ class Planner {
   SampleTime planes_time_ = 0;
   std::array<PlaneSlot, spatial::kMaxPlanes> slots_;
   std::uint64_t planes_left_out_ = 0;
+  DenseBursts bursts_;
 };
 
 }  // namespace rustle::synthesis

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "server/observation/observation.h"
+#include "server/spatial/hrtf.h"
 #include "server/synthesis/acoustic_scene.h"
 #include "server/synthesis/cue.h"
 #include "server/synthesis/material.h"
@@ -24,7 +26,9 @@ struct PlanOptions {
   std::uint64_t seed = 0;
   Mode mode = Mode::kCorrected;
   std::uint32_t rate_hz = 48000;
-  double origin_s = 0;  ///< the time of sample 0
+  double origin_s = 0;        ///< the time of sample 0
+  bool fine_events = true;    ///< below what the mesh shows (P13); never in `published` mode
+  int friction_fft_size = 0;  ///< 0: the default
 };
 
 /// The sample nearest to a time, held within ±2⁵² samples.
@@ -44,10 +48,11 @@ struct SheetPlan {
   }
 };
 
-/// What the plan halves could not sound.
+/// What the plan halves could not sound, or not each by itself.
 struct PlanCounters {
   std::uint64_t sounds_missing = 0;   ///< the pack has no unit or spectrum for it
   std::uint64_t planes_left_out = 0;  ///< times a plane was beyond spatial::kMaxPlanes
+  std::uint64_t voices_merged = 0;    ///< of dense bursts: units for which another one sounds (P9)
 };
 
 /// Plan half: observations into cues; may hold cues back until they are due. [analysis worker]
@@ -71,23 +76,25 @@ struct RenderOptions {
   int max_sheets = 16;
   int max_voices = 512;
   int max_friction_sources = 128;
+  int friction_fft_size = 0;                    ///< 0: the default; as in PlanOptions
+  std::shared_ptr<const spatial::Hrtf> hrtf{};  ///< for the binaural layout, at this rate
 
   int channels() const noexcept { return spatial::channel_count(layout); }
   int buses() const noexcept { return max_sheets * kSoundKinds; }
 };
 
-/// One quantum of every bus, [bus][channel][kQuantum], and which buses are not silent.
+/// One quantum of every bus, [bus][channel][kQuantum], and which buses are not silent. Samples of a silent bus mean nothing.
 struct BusSamples {
   float* samples = nullptr;
   std::uint8_t* sounding = nullptr;
   int channels = 1;
 
-  /// The channel of a bus to add to; marks the bus as sounding.
+  /// The channel of a bus to add to; a bus first asked for becomes sounding, and all its channels zero.
   float* add_to(Bus bus, int channel) const noexcept RUSTLE_NONBLOCKING {
+    float* first = samples + static_cast<std::size_t>(bus) * static_cast<std::size_t>(channels) * kQuantum;
+    if (sounding[bus] == 0) std::fill_n(first, channels * kQuantum, 0.0F);
     sounding[bus] = 1;
-    return samples +
-           (static_cast<std::size_t>(bus) * static_cast<std::size_t>(channels) + static_cast<std::size_t>(channel)) *
-               kQuantum;
+    return first + channel * kQuantum;
   }
 };
 

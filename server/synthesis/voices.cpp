@@ -2,113 +2,257 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
-#include <cstring>
+#include <limits>
+#include <optional>
+
+#include "server/sheet/simd.h"
+#include "server/synthesis/ear_filters.h"
+#include "server/synthesis/emitter_motion.h"
+#include "server/synthesis/interpolation.h"
 
 namespace rustle::synthesis {
 namespace {
 
-constexpr double kMaxSlide = 8;  ///< change of delay in a quantum that is heard as motion, in samples
+constexpr Position kMaxSlide = 8 * kWholeSample;  ///< change of delay in a quantum that is heard as motion
 constexpr double kMaxDelay_s = 2.0;
 constexpr double kGlance_s = 0.010;  ///< how far ahead a voice's loudness is judged
+constexpr float kInaudible = 1e-5F;  ///< paths with less gain are left out
+constexpr SampleTime kMostSamples = SampleTime{1} << 30;
+constexpr std::size_t kTapsInPart = 32;  ///< whose samples stay in the nearest cache
+constexpr std::size_t kAhead = 32;       ///< taps by which samples are called for early
+constexpr SampleTime kNever = std::numeric_limits<SampleTime>::max();
+constexpr int kReach = 2;                ///< samples on either side that interpolation reaches to
+constexpr int kReadings = kQuantum + 3;  ///< samples that a quantum is made of
+constexpr std::size_t kPaths = spatial::kMaxPaths;
 
 /// One path to one channel at one time.
 struct Tap {
   float gain = 0;
-  double delay = 0;  ///< samples
+  Position delay = 0;
+};
+using Taps = std::array<std::array<Tap, kPaths>, spatial::kMaxChannels>;
+/// By path: where it comes from, to ears.
+using Arrivals = std::array<spatial::Hrtf::Place, kPaths>;
+
+/// A tap that stays as it is: in the quantum from quantum_start on it reads from unit[quantum_start - onset + offset].
+struct SettledTap {
+  std::array<float, 4> weights_gain;
+  std::int32_t offset;
+  bool whole;  ///< the delay is a whole number of samples: weights_gain is (0, gain, 0, 0)
 };
 
 struct Voice {
-  bool active = false;
   bool fading = false;
-  std::uint64_t event = 0;
   Bus bus = 0;
-  const float* unit = nullptr;
   int unit_samples = 0;
+  const float* unit = nullptr;
   SampleTime onset = 0;
-  spatial::Emitter emitter;
+  SampleTime last_age = 0;  ///< the unit has passed after it
   float gain = 0;
-  float goal = 0;     ///< that `gain` goes to
-  float step = 0;     ///< per quantum
-  double latest = 0;  ///< largest delay, samples
-  std::array<std::array<Tap, spatial::kMaxPaths>, spatial::kMaxChannels> taps;
+  float goal = 0;  ///< that `gain` goes to
+  float step = 0;  ///< per quantum
 };
 
-/// Adds unit positions first, first + step, ... (kQuantum of them) under a gain that goes straight from gain0 to gain1.
-/// \pre |step| ≤ 1 + kMaxSlide / kQuantum
-void add_run(const float* unit, int unit_samples, double first, double step, float gain0, float gain1, float* out) noexcept {
-  const double last = first + (kQuantum - 1) * step;
-  const double lowest = std::floor(std::min(first, last)) - 1;
-  const double highest = std::floor(std::max(first, last)) + 2;
-  if (highest < 0 || lowest >= unit_samples) return;
-  const int low = static_cast<int>(lowest);
-  const int count = static_cast<int>(highest - lowest) + 2;  // one more: rounding may carry the last position over
-  std::array<float, kQuantum + 32> padded;
-  const float* x = unit + low;
-  if (low < 0 || low + count > unit_samples) {
-    const int from = std::max(low, 0);
-    const int to = std::min(low + count, unit_samples);
-    padded.fill(0);
-    if (to > from)
-      std::memcpy(padded.data() + (from - low), unit + from, static_cast<std::size_t>(to - from) * sizeof(float));
-    x = padded.data();
-  }
-  const float slope = (gain1 - gain0) / kQuantum;
-  const double offset = first - lowest;
-  if (step == 1.0) {
-    const int whole = static_cast<int>(offset);
-    const auto f = static_cast<float>(offset - whole);
-    const float a = -f * (f - 1) * (f - 2) / 6, b = (f + 1) * (f - 1) * (f - 2) / 2;
-    const float c = -(f + 1) * f * (f - 2) / 2, d = (f + 1) * f * (f - 1) / 6;
-    const float* y = x + whole - 1;
-    for (int n = 0; n < kQuantum; ++n) {
-      out[n] += (gain0 + slope * static_cast<float>(n)) * (a * y[n] + b * y[n + 1] + c * y[n + 2] + d * y[n + 3]);
-    }
-    return;
-  }
-  const auto begin = static_cast<float>(offset);
-  const auto pace = static_cast<float>(step);
-  for (int n = 0; n < kQuantum; ++n) {
-    const float position = begin + static_cast<float>(n) * pace;
-    const int whole = static_cast<int>(position);
-    const float f = position - static_cast<float>(whole);
-    const float* y = x + whole - 1;
-    const float a = -f * (f - 1) * (f - 2) / 6, b = (f + 1) * (f - 1) * (f - 2) / 2;
-    const float c = -(f + 1) * f * (f - 2) / 2, d = (f + 1) * f * (f - 1) / 6;
-    out[n] += (gain0 + slope * static_cast<float>(n)) * (a * y[0] + b * y[1] + c * y[2] + d * y[3]);
+/// A voice at rest.
+struct SettledVoice {
+  bool valid = false;   ///< these are the taps of the voice's place and gain
+  bool listed = false;  ///< its taps are in the lists
+  std::uint32_t count = 0;
+  std::array<SettledTap, spatial::kMaxChannels * kPaths> taps;
+  std::array<std::uint8_t, spatial::kMaxChannels * kPaths> channel;
+  std::array<std::uint8_t, spatial::kMaxChannels * kPaths> path;
+  std::array<std::uint32_t, spatial::kMaxChannels * kPaths> listed_at;
+};
+
+/// What a voice is asked for only when something moves or changes.
+struct VoicePlace {
+  std::uint64_t event = 0;
+  spatial::Emitter emitter;
+  Taps taps;
+  Arrivals arrivals;
+};
+
+/// Calls for the samples of a quantum that will soon be read, and for those of the next one, which hundreds of voices keep
+/// out of the nearest cache till then.
+inline void prefetch(const float* x) noexcept {
+  constexpr int kLine = 16;
+  for (int n = 0; n < kQuantum; n += kLine) {
+    __builtin_prefetch(x + n, 0, 3);
+    __builtin_prefetch(x + kQuantum + n, 0, 2);
   }
 }
 
-/// The same along a path: from delay0 to delay1 within the quantum whose first sample is `age` after the onset.
-void add_path(const Voice& voice, double age, double delay0, double delay1, float gain0, float gain1, float* out) noexcept {
-  if (gain0 == 0 && gain1 == 0) return;
-  if (gain0 == 0) delay0 = delay1;
-  if (gain1 == 0) delay1 = delay0;
-  const double slide = delay1 - delay0;
-  if (std::abs(slide) <= kMaxSlide) {
-    add_run(voice.unit, voice.unit_samples, age - delay0, 1.0 - slide / kQuantum, gain0, gain1, out);
-  } else {
-    add_run(voice.unit, voice.unit_samples, age - delay0, 1.0, gain0, 0, out);
-    add_run(voice.unit, voice.unit_samples, age - delay1, 1.0, 0, gain1, out);
+/// Taps of one channel that read within their units and go on like that from quantum to quantum.
+template <class T>
+class TapList {
+ public:
+  explicit TapList(std::size_t most) {
+    taps_.reserve(most);
+    buses_.reserve(most);
+    places_.reserve(most);
   }
+
+  /// Keeps `place` told where in the list the tap is, until it is removed.
+  void add(const T& tap, Bus bus, std::uint32_t& place) noexcept {
+    place = static_cast<std::uint32_t>(taps_.size());
+    taps_.push_back(tap);
+    buses_.push_back(bus);
+    places_.push_back(&place);
+  }
+
+  /// The last one takes its place.
+  void remove(std::uint32_t at) noexcept {
+    *places_.back() = at;
+    taps_[at] = taps_.back();
+    buses_[at] = buses_.back();
+    places_[at] = places_.back();
+    taps_.pop_back();
+    buses_.pop_back();
+    places_.pop_back();
+  }
+
+  std::size_t size() const noexcept { return taps_.size(); }
+
+  /// Calls add(taps, bus) for every run of neighbours in one bus in the given part of the list, of so many, and moves them
+  /// on by a quantum. `first`: nobody has read these samples in this quantum.
+  template <class Add>
+  void play(std::size_t part, std::size_t parts, bool first, Add&& add) noexcept {
+    const std::size_t end = taps_.size() * (part + 1) / parts;
+    for (std::size_t from = taps_.size() * part / parts, to = from; from < end; from = to) {
+      while (to < end && buses_[to] == buses_[from]) {
+        if (first) prefetch(taps_[std::min(to + kAhead, taps_.size() - 1)].x);
+        ++to;
+      }
+      add(std::span<const T>(&taps_[from], to - from), buses_[from]);
+      for (std::size_t k = from; k < to; ++k) taps_[k].x += kQuantum;
+    }
+  }
+
+ private:
+  std::vector<T> taps_;
+  std::vector<Bus> buses_;
+  std::vector<std::uint32_t*> places_;
+};
+
+/// Room for what readings at the ends of a unit need.
+struct Window {
+  std::array<float, kQuantum + 32> samples;
+
+  /// unit[low .. low + count), zero outside the unit. \pre count ≤ the window
+  const float* of(const Voice& voice, SampleTime low, SampleTime count) noexcept {
+    samples.fill(0);
+    const SampleTime from = std::max<SampleTime>(low, 0);
+    const SampleTime to = std::min<SampleTime>(low + count, voice.unit_samples);
+    if (to > from) std::copy(voice.unit + from, voice.unit + to, samples.begin() + (from - low));
+    return samples.data();
+  }
+};
+
+/// Adds the readings from `first` on under a gain that goes straight from gain0 to gain1 within the quantum.
+void add_run(const Voice& voice, Position first, std::int32_t slide, float gain0, float gain1, float* out) noexcept {
+  const Position last = first + (kQuantum - 1) * (kWholeSample + slide);
+  const SampleTime low = (std::min(first, last) >> 32) - 1;
+  const SampleTime high = (std::max(first, last) >> 32) + 2;
+  if (high < 0 || low >= voice.unit_samples) return;
+  Window window;
+  MovingTap tap{voice.unit, first, slide, gain0, (gain1 - gain0) / kQuantum};
+  if (low < 0 || high >= voice.unit_samples) {
+    tap.x = window.of(voice, low, high - low + 1);
+    tap.first -= low * kWholeSample;
+  }
+  add_moving(tap, out);
+}
+
+/// Adds one path: from one tap to the next within the quantum whose first sample is `age` after the onset.
+void add_path(const Voice& voice, SampleTime age, Tap from, Tap to, float* out) noexcept {
+  if (from.gain == 0) from.delay = to.delay;
+  if (to.gain == 0) to.delay = from.delay;
+  const Position start = age * kWholeSample;
+  const Position slide = from.delay - to.delay;
+  if (std::abs(slide) <= kMaxSlide) {
+    add_run(voice, start - from.delay, static_cast<std::int32_t>(slide / kQuantum), from.gain, to.gain, out);
+  } else {
+    add_run(voice, start - from.delay, 0, from.gain, 0, out);
+    add_run(voice, start - to.delay, 0, 0, to.gain, out);
+  }
+}
+
+/// Σ x², in an order of its own for any instruction set.
+RUSTLE_SIMD float energy(const float* x, int count) noexcept {
+  std::array<float, 16> sums{};
+  int n = 0;
+  for (; n + 16 <= count; n += 16) {
+    for (int k = 0; k < 16; ++k) sums[static_cast<std::size_t>(k)] += x[n + k] * x[n + k];
+  }
+  for (int k = 0; n < count; ++n, ++k) sums[static_cast<std::size_t>(k)] += x[n] * x[n];
+  float sum = 0;
+  for (const float s : sums) sum += s;
+  return sum;
+}
+
+bool finite(const spatial::Vec3& v) noexcept {
+  return std::isfinite(v.x + v.y + v.z);
 }
 
 bool finite(const CrumpleCue& cue) noexcept {
-  const spatial::Vec3& p = cue.emitter.position_m;
-  const spatial::Vec3& n = cue.emitter.normal;
-  return std::isfinite(cue.gain) && std::isfinite(p.x + p.y + p.z) && std::isfinite(n.x + n.y + n.z) &&
+  return std::isfinite(cue.gain) && finite(cue.emitter.position_m) && finite(cue.emitter.normal) &&
          std::isfinite(cue.emitter.cosine_floor);
 }
+
+/// Slots, the lowest free one first.
+class Slots {
+ public:
+  explicit Slots(std::size_t count) : words_((count + 63) / 64), count_(count) {}
+
+  /// The lowest free slot, or the number of slots.
+  std::size_t take() noexcept {
+    for (std::size_t w = 0; w < words_.size(); ++w) {
+      if (~words_[w] == 0) continue;
+      const std::size_t slot = 64 * w + static_cast<std::size_t>(std::countr_one(words_[w]));
+      if (slot >= count_) break;
+      words_[w] |= std::uint64_t{1} << (slot % 64);
+      return slot;
+    }
+    return count_;
+  }
+  void take(std::size_t slot) noexcept { words_[slot / 64] |= std::uint64_t{1} << (slot % 64); }
+  void give_back(std::size_t slot) noexcept { words_[slot / 64] &= ~(std::uint64_t{1} << (slot % 64)); }
+
+  /// Calls visit(slot) for every taken slot in order; the visited one may be given back.
+  template <class Visit>
+  void each(Visit&& visit) const noexcept {
+    for (std::size_t w = 0; w < words_.size(); ++w) {
+      for (std::uint64_t left = words_[w]; left != 0; left &= left - 1)
+        visit(64 * w + static_cast<std::size_t>(std::countr_zero(left)));
+    }
+  }
+
+ private:
+  std::vector<std::uint64_t> words_;
+  std::size_t count_;
+};
 
 class Voices final : public RenderModel {
  public:
   explicit Voices(const RenderOptions& options)
-      : channels_(options.channels()),
+      : channels_(static_cast<std::size_t>(options.channels())),
         limit_(options.max_voices),
         rate_hz_(options.rate_hz),
         ramp_quanta_(std::max(1, static_cast<int>(std::ceil(kVoiceRamp_s * options.rate_hz / kQuantum)))),
+        slots_(static_cast<std::size_t>(options.max_voices + kFadingVoices)),
         voices_(static_cast<std::size_t>(options.max_voices + kFadingVoices)),
-        loudness_(voices_.size()) {}
+        places_(voices_.size()),
+        unlisted_(voices_.size()),
+        settled_(voices_.size()),
+        inside_to_(voices_.size(), kNever),
+        whole_{TapList<WholeTap>(voices_.size() * kPaths), TapList<WholeTap>(voices_.size() * kPaths)},
+        still_{TapList<StillTap>(voices_.size() * kPaths), TapList<StillTap>(voices_.size() * kPaths)},
+        loudness_(voices_.size()),
+        motions_(options.buses()) {
+    if (options.layout == spatial::Layout::kBinaural && options.hrtf) ears_.emplace(options.hrtf, options.buses());
+  }
 
   void apply(const Cue& cue, const SceneSpan& scene, SampleTime quantum_start) noexcept override {
     if (const auto* begun = std::get_if<CrumpleCue>(&cue)) {
@@ -118,22 +262,28 @@ class Voices final : public RenderModel {
         ++unusable_;
         return;
       }
-      for (Voice& voice : voices_) {
-        const bool meant = voice.active && !voice.fading && voice.event == raise->event && voice.bus == raise->bus;
-        if (meant) ramp_to(voice, voice.goal * raise->factor);
+      slots_.each([&](std::size_t slot) {
+        const Voice& voice = voices_[slot];
+        const bool meant = !voice.fading && voice.bus == raise->bus && places_[slot].event == raise->event;
+        if (meant) ramp_to(slot, voice.goal * raise->factor);
+      });
+    } else if (const auto* motion = std::get_if<EmitterMotionCue>(&cue)) {
+      if (finite(motion->from_m) && finite(motion->to_m) && finite(motion->turn_rad)) {
+        motions_.apply(*motion, quantum_start);
+      } else {
+        ++unusable_;
       }
     }
   }
 
   void render(const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept override {
     judged_ = false;
-    if (sounding_ + fading_ == 0) return;
-    for (Voice& voice : voices_) {
-      if (voice.active) render_voice(voice, scene, quantum_start, out);
-    }
+    motions_.advance(quantum_start);
+    if (sounding_ + fading_ > 0) render_voices(scene, quantum_start, out);
+    if (ears_) ears_->render(out);
   }
 
-  bool silent() const noexcept override { return sounding_ + fading_ == 0; }
+  bool silent() const noexcept override { return sounding_ + fading_ == 0 && (!ears_ || ears_->silent()); }
 
   void add_counters(RenderCounters& counters) const noexcept override {
     counters.voices += static_cast<std::uint64_t>(sounding_ + fading_);
@@ -143,125 +293,279 @@ class Voices final : public RenderModel {
   }
 
  private:
+  void render_voices(const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept {
+    if (scene.moves || motions_.any()) {
+      slots_.each([&](std::size_t slot) { unlist(slot); });
+    } else if (quantum_start > first_to_leave_) {
+      first_to_leave_ = kNever;
+      slots_.each([&](std::size_t slot) {
+        if (quantum_start > inside_to_[slot]) unlist(slot);
+        first_to_leave_ = std::min(first_to_leave_, inside_to_[slot]);
+      });
+    }
+    unlisted_.each([&](std::size_t slot) { render_unlisted(slot, scene, quantum_start, out); });
+    // Taps of one voice stand at like places in all lists: a part of each at a time, its samples come from memory once.
+    std::size_t most = 0;
+    for (std::size_t c = 0; c < channels_; ++c) most = std::max({most, whole_[c].size(), still_[c].size()});
+    const std::size_t parts = (most + kTapsInPart - 1) / kTapsInPart;
+    for (std::size_t part = 0; part < parts; ++part) {
+      for (std::size_t c = 0; c < channels_; ++c) {
+        const int channel = static_cast<int>(c);
+        whole_[c].play(part, parts, c == 0, [&](const auto taps, Bus bus) { add_whole(taps, out.add_to(bus, channel)); });
+        still_[c].play(part, parts, c == 0 && whole_[0].size() < still_[0].size() / 2,
+                       [&](const auto taps, Bus bus) { add_still(taps, out.add_to(bus, channel)); });
+      }
+    }
+  }
+
   void begin(const CrumpleCue& cue, const SceneSpan& scene, SampleTime quantum_start) noexcept {
     if (!finite(cue) || !cue.unit || cue.unit_samples == 0) {
       ++unusable_;
       return;
     }
     if (sounding_ >= limit_) steal(quantum_start);
-    const auto free = std::find_if(voices_.begin(), voices_.end(), [](const Voice& voice) { return !voice.active; });
-    if (free == voices_.end() || sounding_ >= limit_) {
+    const std::size_t slot = sounding_ < limit_ ? slots_.take() : voices_.size();
+    if (slot == voices_.size()) {
       ++dropped_;
       return;
     }
-    Voice& voice = *free;
-    voice.active = true;
-    voice.fading = false;
-    voice.event = cue.event;
+    Voice& voice = voices_[slot];
+    voice = {};
     voice.bus = cue.bus;
     voice.unit = cue.unit;
-    voice.unit_samples = static_cast<int>(std::min<std::uint32_t>(cue.unit_samples, 1U << 30));
+    voice.unit_samples = static_cast<int>(std::min<std::uint32_t>(cue.unit_samples, kMostSamples));
     voice.onset = cue.onset;
-    voice.emitter = cue.emitter;
     voice.gain = voice.goal = cue.gain;
-    voice.step = 0;
-    place(voice, scene.before, voice.taps);
+    unlisted_.take(slot);
+    settled_[slot].valid = settled_[slot].listed = false;
+    places_[slot].event = cue.event;
+    places_[slot].emitter = cue.emitter;
+    voice.last_age = voice.unit_samples + place(cue.emitter, scene.before, places_[slot].taps, places_[slot].arrivals);
     ++sounding_;
-    if (judged_) loudness_[static_cast<std::size_t>(free - voices_.begin())] = loudness(voice, quantum_start);
+    if (judged_) loudness_[slot] = loudness(slot, quantum_start);
   }
 
-  void ramp_to(Voice& voice, float goal) const noexcept {
+  void ramp_to(std::size_t slot, float goal) noexcept {
+    unsettle(slot);
+    Voice& voice = voices_[slot];
     voice.goal = goal;
     voice.step = (goal - voice.gain) / static_cast<float>(ramp_quanta_);
   }
 
-  using Taps = std::array<std::array<Tap, spatial::kMaxPaths>, spatial::kMaxChannels>;
-
-  void place(Voice& voice, const AcousticScene& scene, Taps& taps) const noexcept {
-    std::array<spatial::Path, spatial::kMaxPaths> ways;
+  /// The taps of an emitter in a scene; for ears with where they come from. Returns how much later than the unit the last of
+  /// them is over, in samples.
+  SampleTime place(const spatial::Emitter& emitter, const AcousticScene& scene, Taps& taps,
+                   Arrivals& arrivals) const noexcept {
+    std::array<spatial::Path, kPaths> ways;
     const double limit = kMaxDelay_s * rate_hz_;
-    voice.latest = 0;
-    for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
+    Position latest = 0;
+    for (std::size_t c = 0; c < channels_; ++c) {
       const std::size_t count =
-          spatial::paths(voice.emitter, scene.receivers[c], scene.listener.position_m, scene.used_planes(), ways);
+          spatial::paths(emitter, scene.receivers[c], scene.listener.position_m, scene.used_planes(), ways);
       for (std::size_t p = 0; p < count; ++p) {
-        const double delay = std::clamp(ways[p].delay_s * rate_hz_, -limit, limit);
-        taps[c][p] = {static_cast<float>(ways[p].gain), delay};
-        voice.latest = std::max(voice.latest, delay);
+        double delay_s = ways[p].delay_s;
+        if (ears_) {
+          if (c == 0) arrivals[p] = ears_->hrtf().place(spatial::head_coordinates(scene.listener, ways[p].arrival_m));
+          delay_s += ears_->hrtf().delay_s(arrivals[p], static_cast<int>(c));
+        }
+        const double delay = std::clamp(delay_s * rate_hz_, -limit, limit);
+        taps[c][p] = {static_cast<float>(ways[p].gain),
+                      static_cast<Position>(std::nearbyint(delay * static_cast<double>(kWholeSample)))};
+        latest = std::max(latest, taps[c][p].delay);
       }
-      for (std::size_t p = count; p < taps[c].size(); ++p) taps[c][p] = {};
+      for (std::size_t p = count; p < kPaths; ++p) taps[c][p] = {};
+    }
+    return (latest >> 32) + 1 + kReach;
+  }
+
+  void settle(std::size_t slot) noexcept {
+    const Voice& voice = voices_[slot];
+    SettledVoice& settled = settled_[slot];
+    settled.valid = true;
+    settled.count = 0;
+    for (std::size_t c = 0; c < channels_; ++c) {
+      for (std::size_t p = 0; p < kPaths; ++p) {
+        const Tap& tap = places_[slot].taps[c][p];
+        const float gain = voice.gain * tap.gain;
+        if (std::abs(gain) < kInaudible) continue;
+        const Position fraction = -tap.delay & (kWholeSample - 1);
+        settled.channel[settled.count] = static_cast<std::uint8_t>(c);
+        settled.path[settled.count] = static_cast<std::uint8_t>(p);
+        settled.taps[settled.count++] = {weights(fraction, gain), static_cast<std::int32_t>(-tap.delay >> 32) - 1,
+                                         fraction == 0};
+      }
     }
   }
 
-  void render_voice(Voice& voice, const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept {
-    const auto age = static_cast<double>(quantum_start - voice.onset);
-    if (age - voice.latest > voice.unit_samples + 4) return end(voice);
+  /// Calls add(samples) with where a path's sound goes: to its channel, or to be heard by an ear.
+  template <class Add>
+  void deliver(Bus bus, std::size_t channel, const spatial::Hrtf::Place& from, const spatial::Hrtf::Place& to,
+               const BusSamples& out, Add&& add) noexcept {
+    if (!ears_) return add(out.add_to(bus, static_cast<int>(channel)));
+    EarFilters::Quantum sound{};
+    add(sound.data());
+    ears_->add(bus, static_cast<int>(channel), from, to, sound);
+  }
+
+  /// Lists a settled voice where from this quantum on all its taps read within the unit. Returns whether it does.
+  bool list(std::size_t slot, SampleTime age) noexcept {
+    if (ears_) return false;
+    const Voice& voice = voices_[slot];
+    SettledVoice& settled = settled_[slot];
+    SampleTime to = voice.unit_samples - kReadings;
+    for (const SettledTap& tap : std::span(settled.taps).first(settled.count)) {
+      if (age + tap.offset < 0) return false;
+      to = std::min<SampleTime>(to, voice.unit_samples - kReadings - tap.offset);
+    }
+    if (age > to) return false;
+    for (std::size_t k = 0; k < settled.count; ++k) {
+      const SettledTap& tap = settled.taps[k];
+      const float* x = voice.unit + age + tap.offset;
+      if (tap.whole) {
+        whole_[settled.channel[k]].add({x + 1, tap.weights_gain[1]}, voice.bus, settled.listed_at[k]);
+      } else {
+        still_[settled.channel[k]].add({x, tap.weights_gain}, voice.bus, settled.listed_at[k]);
+      }
+    }
+    settled.listed = true;
+    unlisted_.give_back(slot);
+    inside_to_[slot] = voice.onset + to;
+    first_to_leave_ = std::min(first_to_leave_, inside_to_[slot]);
+    return true;
+  }
+
+  void unlist(std::size_t slot) noexcept {
+    SettledVoice& settled = settled_[slot];
+    if (!settled.listed) return;
+    settled.listed = false;
+    unlisted_.take(slot);
+    inside_to_[slot] = kNever;
+    for (std::size_t k = 0; k < settled.count; ++k) {
+      if (settled.taps[k].whole) {
+        whole_[settled.channel[k]].remove(settled.listed_at[k]);
+      } else {
+        still_[settled.channel[k]].remove(settled.listed_at[k]);
+      }
+    }
+  }
+
+  void unsettle(std::size_t slot) noexcept {
+    unlist(slot);
+    settled_[slot].valid = false;
+  }
+
+  /// A voice that moves, changes its gain, or reads beyond an end of its unit.
+  void render_unlisted(std::size_t slot, const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept {
+    const Voice& voice = voices_[slot];
+    const SampleTime age = std::max(quantum_start - voice.onset, -kMostSamples);
+    if (age > voice.last_age) return end(slot);
+    if (scene.moves || voice.step != 0 || motions_.moves(voice.bus)) return render_moving(slot, scene, age, out);
+    SettledVoice& settled = settled_[slot];
+    if (!settled.valid) settle(slot);
+    if (list(slot, age)) return;
+    Window window;
+    for (std::size_t k = 0; k < settled.count; ++k) {
+      const SettledTap& tap = settled.taps[k];
+      const SampleTime low = age + tap.offset;
+      if (low + kReadings <= 0 || low >= voice.unit_samples) continue;
+      const StillTap still{window.of(voice, low, kReadings), tap.weights_gain};
+      const spatial::Hrtf::Place& from = places_[slot].arrivals[settled.path[k]];
+      deliver(voice.bus, settled.channel[k], from, from, out,
+              [&](float* samples) { add_still(std::span(&still, 1), samples); });
+    }
+  }
+
+  void render_moving(std::size_t slot, const SceneSpan& scene, SampleTime age, const BusSamples& out) noexcept {
+    Voice& voice = voices_[slot];
+    VoicePlace& place_now = places_[slot];
+    unsettle(slot);
     const float gain0 = voice.gain;
     float gain1 = gain0 + voice.step;
     if (voice.step != 0 && std::abs(voice.goal - gain1) < 0.5F * std::abs(voice.step)) {
       gain1 = voice.goal;
       voice.step = 0;
     }
-    Taps moved;
-    if (scene.moves) place(voice, scene.after, moved);
-    const Taps& next = scene.moves ? moved : voice.taps;
+    const bool carried = motions_.moves(voice.bus);
+    if (carried) place_now.emitter = motions_.moved(voice.bus, place_now.emitter);
+    const bool moves = scene.moves || carried;
+    Taps next;
+    if (moves) {
+      voice.last_age = voice.unit_samples + place(place_now.emitter, scene.after, next, arrivals_);
+    } else {
+      next = place_now.taps;
+    }
+    const Arrivals& arrivals = moves ? arrivals_ : place_now.arrivals;
     const std::size_t paths = 1 + static_cast<std::size_t>(scene.after.plane_count);
-    for (int c = 0; c < channels_; ++c) {
-      float* samples = out.add_to(voice.bus, c);
+    for (std::size_t c = 0; c < channels_; ++c) {
       for (std::size_t p = 0; p < paths; ++p) {
-        const Tap& from = voice.taps[static_cast<std::size_t>(c)][p];
-        const Tap& to = next[static_cast<std::size_t>(c)][p];
-        add_path(voice, age, from.delay, to.delay, gain0 * from.gain, gain1 * to.gain, samples);
+        Tap from = place_now.taps[c][p];
+        Tap to = next[c][p];
+        from.gain *= gain0;
+        to.gain *= gain1;
+        if (std::max(std::abs(from.gain), std::abs(to.gain)) < kInaudible) continue;
+        deliver(voice.bus, c, place_now.arrivals[p], arrivals[p], out,
+                [&](float* samples) { add_path(voice, age, from, to, samples); });
       }
     }
-    if (scene.moves) voice.taps = moved;
+    place_now.taps = next;
+    if (ears_ && moves) place_now.arrivals = arrivals_;
     voice.gain = gain1;
-    if (voice.fading && voice.step == 0) end(voice);
+    if (voice.fading && voice.step == 0) end(slot);
   }
 
-  void end(Voice& voice) noexcept {
-    --(voice.fading ? fading_ : sounding_);
-    voice.active = false;
+  void end(std::size_t slot) noexcept {
+    --(voices_[slot].fading ? fading_ : sounding_);
+    slots_.give_back(slot);
+    unlisted_.give_back(slot);
   }
 
-  double loudness(const Voice& voice, SampleTime quantum_start) const noexcept {
+  double loudness(std::size_t slot, SampleTime quantum_start) const noexcept {
+    const Voice& voice = voices_[slot];
     const int from = static_cast<int>(std::clamp<SampleTime>(quantum_start - voice.onset, 0, voice.unit_samples));
-    const int to = std::min(voice.unit_samples, from + static_cast<int>(kGlance_s * rate_hz_));
-    double energy = 0;
-    for (int n = from; n < to; n += 4) energy += static_cast<double>(voice.unit[n]) * voice.unit[n];
-    double heard = 0;
-    for (const auto& channel : voice.taps) {
-      for (const Tap& tap : channel) heard = std::max(heard, std::abs(static_cast<double>(tap.gain)));
+    const int count = std::min(voice.unit_samples - from, static_cast<int>(kGlance_s * rate_hz_));
+    float heard = 0;
+    for (std::size_t c = 0; c < channels_; ++c) {
+      for (const Tap& tap : places_[slot].taps[c]) heard = std::max(heard, std::abs(tap.gain));
     }
-    return energy * heard * heard * voice.goal * voice.goal;
+    const double gain = static_cast<double>(heard) * static_cast<double>(voice.goal);
+    return static_cast<double>(energy(voice.unit + from, count)) * gain * gain;
   }
 
   void steal(SampleTime quantum_start) noexcept {
-    if (!judged_) {
-      for (std::size_t i = 0; i < voices_.size(); ++i)
-        loudness_[i] = voices_[i].active ? loudness(voices_[i], quantum_start) : 0;
-      judged_ = true;
-    }
+    if (!judged_) slots_.each([&](std::size_t slot) { loudness_[slot] = loudness(slot, quantum_start); });
+    judged_ = true;
     std::size_t quietest = voices_.size();
-    for (std::size_t i = 0; i < voices_.size(); ++i) {
-      if (!voices_[i].active || voices_[i].fading) continue;
-      if (quietest == voices_.size() || loudness_[i] < loudness_[quietest]) quietest = i;
-    }
+    slots_.each([&](std::size_t slot) {
+      if (voices_[slot].fading) return;
+      if (quietest == voices_.size() || loudness_[slot] < loudness_[quietest]) quietest = slot;
+    });
     if (quietest == voices_.size() || fading_ >= kFadingVoices) return;
     Voice& voice = voices_[quietest];
     voice.fading = true;
-    ramp_to(voice, 0);
+    ramp_to(quietest, 0);
     --sounding_;
     ++fading_;
     ++stolen_;
+    if (voice.step == 0) end(quietest);  // silent already
   }
 
-  int channels_;
+  std::size_t channels_;
   int limit_;
   double rate_hz_;
   int ramp_quanta_;
+  Slots slots_;
   std::vector<Voice> voices_;
+  std::vector<VoicePlace> places_;
+  Slots unlisted_;  ///< taken slots whose taps are not in the lists
+  std::vector<SettledVoice> settled_;
+  std::vector<SampleTime> inside_to_;  ///< the last quantum start at which a listed voice reads within its unit
+  SampleTime first_to_leave_ = kNever;
+  std::array<TapList<WholeTap>, spatial::kMaxChannels> whole_;  ///< by channel
+  std::array<TapList<StillTap>, spatial::kMaxChannels> still_;
   std::vector<double> loudness_;  ///< of each voice, valid within a quantum once judged_
+  EmitterMotions motions_;
+  std::optional<EarFilters> ears_;  ///< where the layout is binaural
+  Arrivals arrivals_;               ///< of the voice that moves, at the quantum's end
   bool judged_ = false;
   int sounding_ = 0;
   int fading_ = 0;

@@ -119,6 +119,7 @@ struct Statistics {
   std::uint64_t planes_left_out = 0;
   std::uint64_t samples_limited = 0;
   std::uint64_t samples_not_finite = 0;
+  std::uint64_t voices_merged = 0;
 };
 struct Detached {
   Statistics statistics;

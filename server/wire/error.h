@@ -27,7 +27,8 @@ enum class ErrorCode : std::uint8_t {
   kOverloaded = 15,
   kUnsupported = 16,
   kStorage = 17,
-  kIdle = 18,  ///< nothing came for so long that the daemon ended the session
+  kIdle = 18,          ///< nothing came for so long that the daemon ended the session
+  kUnidentified = 19,  ///< a mesh made anew at every frame, without material coordinates
 };
 
 /// The code as notices and logs spell it, such as "unknown_topology".
@@ -71,6 +72,8 @@ constexpr std::string_view code_name(ErrorCode code) {
       return "storage";
     case ErrorCode::kIdle:
       return "idle";
+    case ErrorCode::kUnidentified:
+      return "unidentified";
   }
   return "unspecified";
 }

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <bit>
+
 #include "server/wire/fields.h"
 
 namespace rustle::wire {
@@ -117,6 +119,19 @@ tl::expected<session::SessionOptions, Error> from_wire(const v1::SessionOptions&
     return tl::unexpected(good.error());
   if (!options.default_material().empty()) out.default_material = options.default_material();
   out.record = options.record();
+  if (const auto good = check_text(options.hrtf(), field("hrtf"), limits); !good) return tl::unexpected(good.error());
+  out.hrtf = options.hrtf();
+  if (options.friction_fft_size() != 0) {
+    const std::uint32_t size = options.friction_fft_size();
+    if (const auto good = check_range(size, 128, 8'192, field("friction_fft_size"), "samples"); !good)
+      return tl::unexpected(good.error());
+    if (!std::has_single_bit(size)) {
+      return refuse(ErrorCode::kOutOfRange, field("friction_fft_size"),
+                    fmt::format("{} is {}, which is no power of two.", field("friction_fft_size"), size),
+                    "Send a power of two from 128 to 8192, or 0 for the daemon's choice.");
+    }
+    out.friction_fft_size = size;
+  }
   return out;
 }
 
@@ -154,6 +169,8 @@ void to_wire(const session::SessionOptions& options, v1::SessionOptions* out) {
   }
   out->set_default_material(options.default_material);
   out->set_record(options.record);
+  out->set_hrtf(options.hrtf);
+  out->set_friction_fft_size(options.friction_fft_size);
 }
 
 }  // namespace rustle::wire

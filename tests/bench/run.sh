@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Builds a group of benchmarks in Release and runs it.
 # usage: tests/bench/run.sh GROUP [--json] [--check] [--frames N]
-# GROUP: analysis (geometry of one frame, stage by stage, beside the plain dihedral pass)
+# GROUP: analysis (geometry of one frame, stage by stage, beside the plain dihedral pass),
+#        synthesis (voices beside SuperCollider's, friction, silence; installs supercollider-server where it is missing)
 # RUSTLE_BUILD: where to build, build/release by default
 # example: tests/bench/run.sh analysis --json
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 if [ $# -eq 0 ] || [ "$1" = --help ] || [ "$1" = -h ]; then
-  sed -n '2,6s/^# //p' tests/bench/run.sh
+  sed -n '2,7s/^# //p' tests/bench/run.sh
   [ $# -gt 0 ]
   exit
 fi
@@ -17,6 +18,10 @@ if [ ! -f "tests/bench/$group.cpp" ]; then
   groups=$(cd tests/bench && ls ./*.cpp | sed 's|^\./||; s|\.cpp$||' | tr '\n' ' ')
   echo "no benchmarks named '$group'; there are: $groups" >&2
   exit 2
+fi
+if [ "$group" = synthesis ]; then
+  . deploy/packages.sh
+  rustle_install_packages bench >&2 || echo "going on without what could not be installed" >&2
 fi
 build=${RUSTLE_BUILD:-build/release}
 launcher=()

@@ -213,7 +213,11 @@ TEST_CASE("Above the voice limit the quietest fades away, without a step") {
   Rig without(options, Mode::kCorrected, spatial::Layout::kMono, 8);
   auto o = rig.frame(0, 0.1);
   std::uint64_t id = 1;
-  for (const double share : {0.9, 0.7, 0.1, 0.5}) o.crumpling.push_back(flap(id++, 0.01, share * reference_m()));
+  for (const double share : {0.9, 0.7, 0.1, 0.5}) {
+    // 3 ms apart: those of one slot of 2 ms would be merged.
+    o.crumpling.push_back(flap(id, 0.01 + 0.003 * static_cast<double>(id), share * reference_m()));
+    ++id;
+  }
   auto missing = o;
   missing.crumpling.erase(missing.crumpling.begin() + 2);
   o.crumpling.push_back(flap(9, 0.1, 0.4 * reference_m()));

@@ -24,6 +24,7 @@ struct PackOptions {
   std::vector<float> unit{0.1F};  ///< of the bent grid point
   std::vector<float> clac{0.1F};
   int variants = 1;
+  bool fine_events = false;
 };
 
 /// White friction of friction_db RMS, bent and flat; units as given. Recorded at 1 m on the axis without planes, so emission
@@ -111,7 +112,7 @@ struct Rig {
   explicit Rig(const PackOptions& pack_options = {}, Mode mode = Mode::kCorrected,
                spatial::Layout layout = spatial::Layout::kMono, int max_voices = 512,
                const spatial::Listener& first = above())
-      : plan_options{7, mode, pack_options.rate_hz, 0},
+      : plan_options{7, mode, pack_options.rate_hz, 0, pack_options.fine_events},
         render_options{mode, pack_options.rate_hz, layout, 2, max_voices, 128},
         planner(plan_options),
         mixer(render_options),
@@ -157,6 +158,7 @@ struct Rig {
         const std::size_t at = out[c].size();
         out[c].resize(at + kQuantum);
         for (std::size_t bus = 0; bus < static_cast<std::size_t>(mixer.buses()); ++bus) {
+          if (!mixer.sounding(static_cast<Bus>(bus))) continue;
           for (std::size_t n = 0; n < kQuantum; ++n) out[c][at + n] += quantum[(bus * channels + c) * kQuantum + n];
         }
       }

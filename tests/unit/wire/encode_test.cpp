@@ -174,6 +174,8 @@ TEST_CASE("session options there and back", "[wire][options]") {
   options.cloth_features = session::ClothFeatures::kGlobal;
   options.default_material = "banknote";
   options.record = true;
+  options.hrtf = "kemar";
+  options.friction_fft_size = 2048;
   v1::SessionOptions sent;
   to_wire(options, &sent);
   CHECK(from_wire(sent, "options").value() == options);
@@ -205,6 +207,14 @@ TEST_CASE("session options out of range are named", "[wire][options]") {
   sent.set_block_size(1'000'000);
   refused(ErrorCode::kOutOfRange, "o.block_size");
   sent.set_block_size(0);
+  for (const std::uint32_t size : {64u, 1000u, 16'384u}) {
+    sent.set_friction_fft_size(size);
+    refused(ErrorCode::kOutOfRange, "o.friction_fft_size");
+  }
+  sent.set_friction_fft_size(128);
+  sent.set_hrtf(std::string(5000, 'x'));
+  refused(ErrorCode::kTooLarge, "o.hrtf");
+  sent.set_hrtf("");
   sent.set_clock(static_cast<v1::Clock>(17));
   refused(ErrorCode::kUnsupported, "o.clock");
 }
@@ -277,6 +287,7 @@ TEST_CASE("control replies", "[wire][control]") {
   CHECK(attached.attached().credit().window_messages() == 8);
   // The plain codes are the wire's.
   CHECK(static_cast<int>(ErrorCode::kIdle) == v1::ERROR_CODE_IDLE);
+  CHECK(static_cast<int>(ErrorCode::kUnidentified) == v1::ERROR_CODE_UNIDENTIFIED);
   for (int code = 1; code < v1::ErrorCode_ARRAYSIZE; ++code) {
     std::string name(code_name(static_cast<ErrorCode>(code)));
     for (char& c : name) c = static_cast<char>(c == '_' ? c : c - 'a' + 'A');

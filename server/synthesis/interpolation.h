@@ -1,0 +1,61 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "server/synthesis/cue.h"
+#include "server/synthesis/nonblocking.h"
+
+/// Reading a sound at any position by 4-point (cubic) interpolation, a quantum at a time: at the position i + f, 0 ≤ f < 1,
+///   y = Σ_k w_k(f) x[i-1+k]
+///   w = -f(f-1)(f-2)/6, (f+1)(f-1)(f-2)/2, -(f+1)f(f-2)/2, (f+1)f(f-1)/6   (Lagrange)
+///       + b f(1-f) (-1, 1, 1, -1)
+/// Lagrange's polynomial alone loses 0.53 dB at 10 kHz of 48 half way between samples; the second line gives back 0.15 dB
+/// there and moves a tone of 1 kHz by 0.002 dB. Every sum is in one order, so that all instruction sets give the same bits.
+/// Pure. [render worker]
+namespace rustle::synthesis {
+
+inline constexpr float kTreble = 0.03F;  ///< b
+
+/// Positions in a sound: 2⁻³² samples.
+using Position = std::int64_t;
+inline constexpr Position kWholeSample = Position{1} << 32;
+
+/// A reading of whole samples.
+struct WholeTap {
+  const float* x = nullptr;
+  float gain = 0;
+};
+
+/// out[n] += gain x[n], tap after tap.
+/// \pre x and out have kQuantum samples
+void add_whole(std::span<const WholeTap> taps, float* out) noexcept RUSTLE_NONBLOCKING;
+
+/// A reading that neither moves nor changes its gain.
+struct StillTap {
+  const float* x = nullptr;             ///< the first of the four samples that the first output sample is made of
+  std::array<float, 4> weights_gain{};  ///< w · gain
+};
+
+/// w(fraction) · gain; exactly (0, gain, 0, 0) where the fraction is 0.
+std::array<float, 4> weights(Position fraction, float gain) noexcept RUSTLE_NONBLOCKING;
+
+/// out[n] += Σ_k weights_gain[k] x[n+k], tap after tap.
+/// \pre x has kQuantum + 3 samples, out kQuantum
+void add_still(std::span<const StillTap> taps, float* out) noexcept RUSTLE_NONBLOCKING;
+
+/// A reading that moves at an even pace while its gain goes straight.
+struct MovingTap {
+  const float* x = nullptr;  ///< sample 0 of the sound; the readings need it from ⌊position⌋ - 1 to ⌊position⌋ + 2
+  Position first = 0;        ///< position of the first output sample
+  std::int32_t slide = 0;    ///< step of the position less one sample
+  float gain = 0;            ///< at the first output sample
+  float slope = 0;           ///< per sample
+};
+
+/// out[n] += (gain + slope n) · y(first + n (1 + slide)).
+/// \pre |slide| ≤ kWholeSample / 8, out has kQuantum samples
+void add_moving(const MovingTap& tap, float* out) noexcept RUSTLE_NONBLOCKING;
+
+}  // namespace rustle::synthesis
