@@ -63,6 +63,18 @@ wire::Error unknown_session(const std::string& id) {
           {}};
 }
 
+wire::Error unidentified(sheet::SheetId sheet) {
+  return {wire::ErrorCode::kUnidentified,
+          "material_coordinates",
+          fmt::format("Sheet {} has a new mesh at every frame and no material coordinates: events that show in the mesh are "
+                      "not heard, only what its bending feeds.",
+                      sheet),
+          "Send material_coordinates with every topology.",
+          0,
+          std::nullopt,
+          {}};
+}
+
 wire::Error unsupported(std::string message, std::string remedy) {
   return {wire::ErrorCode::kUnsupported, "request", std::move(message), std::move(remedy), 0, std::nullopt, {}};
 }
@@ -90,6 +102,13 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
     auto pack = daemon->packs_->load(entry.material, entry.touched_surface, daemon->options_.rate_hz);
     if (pack) daemon->held_packs_.emplace(entry.folder, std::move(*pack));
   }
+  auto heads = Heads::open(daemon->options_.hrtfs, daemon->options_.rate_hz);
+  if (!heads) return tl::unexpected(heads.error());
+  daemon->heads_ = std::move(*heads);
+  if (daemon->options_.playback) {
+    daemon->playback_ = std::make_unique<sinks::Playback>(*daemon->options_.playback,
+                                                          [](const std::string& what) { spdlog::info("{}", what); });
+  }
   daemon->scheduler_ = std::make_unique<session::Scheduler>(daemon->options_.analysis_workers, *daemon->clock_,
                                                             [sockets = daemon->sockets_.get()] { sockets->wake(); });
   return daemon;
@@ -109,6 +128,14 @@ void Daemon::run(const std::atomic<bool>& stop) {
     if (!guest->finished) publish_end(*guest);
   }
   scheduler_.reset();
+  if (!playback_) return;
+  const auto played = playback_->figures();
+  if (played.frames_played > 0) {
+    spdlog::info("played {:.1f} s; {} missed by the device, {} in gaps, {} left out, {}, {} lost",
+                 static_cast<double>(played.frames_played) / played.rate_hz, counted(played.frames_missed, "sample"),
+                 played.mix.samples_in_gaps, played.mix.samples_left_out, counted(played.mix.splices, "splice"),
+                 counted(played.devices_lost, "device"));
+  }
 }
 
 // ------------------------------------------------------------------------------------------------------------ control
@@ -219,9 +246,6 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
                        {}};
   }
   if (guests_.size() >= options_.max_sessions) return too_many_sessions();
-  if (body.options.channels == session::ChannelLayout::kBinaural) {
-    return unsupported("Binaural sound is not rendered by this version.", "Ask for stereo.");
-  }
   if (body.options.record) {
     return unsupported("Sessions are not recorded by this version.", "Attach without it, and keep what you send.");
   }
@@ -235,7 +259,10 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
   session::SessionOptions options = body.options;
   if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
   if (options.block_size == 0) options.block_size = options_.block_size;
-  Guest& admitted = admit(id, body.name, options, true);
+  auto head = heads_.head_for(options);
+  if (!head) return head.error();
+  if (*head && options.hrtf.empty()) options.hrtf = heads_.default_name();
+  Guest& admitted = admit(id, body.name, options, *head, true);
   for (const auto& sheet : body.sheets) {
     if (auto added = admitted.decoder.add_sheet(sheet); !added) {
       const wire::Error error = added.error();
@@ -293,9 +320,10 @@ wire::ControlReply Daemon::pack_list() const {
 
 // ------------------------------------------------------------------------------------------------------------- stream
 
-Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::SessionOptions options, bool attached) {
+Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::SessionOptions options,
+                             const std::shared_ptr<const spatial::Hrtf>& head, bool attached) {
   options = session::settled(std::move(options));
-  auto session = std::make_shared<session::Session>(id, options, packs_, *clock_);
+  auto session = std::make_shared<session::Session>(id, options, packs_, *clock_, head);
   scheduler_->add(session);
   auto& place = guests_[id];
   place = std::make_unique<Guest>(std::move(session), std::move(name), attached);
@@ -340,6 +368,7 @@ void Daemon::handle(wire::StreamReceived& event) {
     }
     spdlog::info("session {} starts again", envelope->session_id());
     scheduler_->remove(*known->session);
+    if (playback_ && known->played) playback_->end(*known->played);
     guests_.erase(envelope->session_id());
   }
   if (Guest* met = meet_publisher(*envelope)) take(*met, *envelope);
@@ -381,9 +410,12 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
   if (announcement) options = announcement->options;
   if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
   if (options.block_size == 0) options.block_size = options_.block_size;
-  if (options.channels == session::ChannelLayout::kBinaural) options.channels = session::ChannelLayout::kStereo;
+  auto head = heads_.head_for(options);
+  const std::optional<wire::Error> headless = head ? std::nullopt : std::optional(head.error());
+  if (headless) options.channels = session::ChannelLayout::kStereo;
   const Stranger known = strangers_.take(id);
-  Guest& met = admit(id, announcement ? announcement->name : id, options, false);
+  Guest& met = admit(id, announcement ? announcement->name : id, options, head.value_or(nullptr), false);
+  if (headless) notify(met, *headless);
   for (const auto& earlier : known.said) take(met, earlier);
   met.messages += known.frames + known.left_out;
   met.session->count_drop("unannounced", known.frames);
@@ -481,6 +513,7 @@ void Daemon::handle(wire::SubscriptionChanged& event) {
 void Daemon::serve(const std::string& id, Guest& served) {
   for (auto& outcome : served.session->take_outcomes()) {
     if (auto* observed = std::get_if<observation::Observation>(&outcome)) {
+      if (observed->unidentified) notify(served, unidentified(observed->sheet));
       const std::string topic = wire::observations_topic(id);
       if (sockets_->has_listener(topic)) {
         sockets_->publish(topic, wire::encode_observation({id, ++served.out_sequence[topic]}, *observed,
@@ -502,6 +535,7 @@ void Daemon::serve(const std::string& id, Guest& served) {
   acknowledge(served);
   int blocks = 0;
   while (blocks < kBlocksAtATime && served.session->take_audio(served.session->options().block_size, block_)) {
+    play(served, block_);
     publish_pcm(served, block_);
     ++blocks;
   }
@@ -538,6 +572,14 @@ void Daemon::acknowledge(Guest& sender) {
   const std::string topic = wire::acknowledgements_topic(sender.session->id());
   sockets_->publish(topic, wire::encode_credit({sender.session->id(), ++sender.out_sequence[topic]},
                                                {acknowledged, kWindowMessages, kWindowBytes}));
+}
+
+void Daemon::play(Guest& sender, const session::AudioBlock& block) {
+  // What follows simulation time comes at any pace: its listeners store it.
+  if (!playback_ || sender.session->options().clock != session::Clock::kLive) return;
+  if (!sender.played) sender.played = playback_->add(sender.session->options().rate_hz, block.channels);
+  playback_->push(*sender.played, block.interleaved);
+  if (block.last) playback_->end(*sender.played);
 }
 
 void Daemon::publish_pcm(Guest& sender, const session::AudioBlock& block) {
@@ -603,6 +645,7 @@ void Daemon::let_go() {
     if (!kept.finished && !kept.detached && now - kept.last_heard > kIdleKept) end_idle(kept);
     if (kept.finished && kept.goodbyes.empty() && (kept.detached || now - kept.finished_at > kFinishedKept)) {
       scheduler_->remove(*kept.session);
+      if (playback_ && kept.played) playback_->end(*kept.played);
       entry = guests_.erase(entry);
     } else {
       ++entry;
@@ -645,6 +688,7 @@ wire::Statistics Daemon::statistics(const Guest& asked) const {
   out.cues_dropped = counters.render.cues_dropped;
   out.samples_limited = counters.render.samples_limited;
   out.samples_not_finite = counters.render.samples_not_finite;
+  out.voices_merged = counters.plan.voices_merged;
   out.sounds_missing = counters.plan.sounds_missing;
   out.planes_left_out = counters.plan.planes_left_out;
   out.crumpling_events = counters.crumpling_events;

@@ -10,9 +10,11 @@
 
 #include <tl/expected.hpp>
 
+#include "server/apps/heads.h"
 #include "server/apps/strangers.h"
 #include "server/session/clock_drift.h"
 #include "server/session/scheduler.h"
+#include "server/sinks/playback.h"
 #include "server/wire/control.h"
 #include "server/wire/decode.h"
 #include "server/wire/sockets.h"
@@ -27,6 +29,8 @@ struct DaemonOptions {
   std::uint32_t rate_hz = 48000;
   std::uint32_t block_size = 128;
   std::size_t max_sessions = 256;
+  std::vector<std::string> hrtfs;  ///< "structural", "kemar" or SOFA files, offered by their stems; the first is the default
+  std::optional<sinks::Playback::Options> playback;  ///< live sessions are also played on a device
 };
 
 /// The daemon: sockets on one side, sessions on the other. Decodes what arrives and hands it to its session, publishes what
@@ -83,8 +87,9 @@ class Daemon {
     std::uint64_t offered = 0, analysed = 0, acknowledged = 0;  ///< stream sequences
     std::map<std::uint32_t, double> newest_frame_s;             ///< by sheet
     std::map<std::string, PcmOut> pcm;                          ///< by topic
-    std::map<std::string, std::uint64_t> out_sequence;          ///< by topic, of what is not PCM
-    std::map<std::string, NoticeTally> notices;                 ///< by code
+    std::optional<sinks::PlaybackMix::SourceId> played;
+    std::map<std::string, std::uint64_t> out_sequence;  ///< by topic, of what is not PCM
+    std::map<std::string, NoticeTally> notices;         ///< by code
     Instant last_heard{}, finished_at{}, credited_at{};
     bool finished = false;
     std::vector<Goodbye> goodbyes;
@@ -109,12 +114,14 @@ class Daemon {
 
   wire::Error too_many_sessions() const;
 
-  Guest& admit(const std::string& id, std::string name, session::SessionOptions options, bool attached);
+  Guest& admit(const std::string& id, std::string name, session::SessionOptions options,
+               const std::shared_ptr<const spatial::Hrtf>& head, bool attached);
   Guest* guest(const std::string& id);
   /// The publisher as a guest once enough is known of it; until then the message may be kept. Null: not yet.
   Guest* meet_publisher(wire::StreamEnvelope& envelope);
   void take(Guest& guest, const wire::StreamEnvelope& envelope);
   void serve(const std::string& id, Guest& guest);
+  void play(Guest& guest, const session::AudioBlock& block);
   void publish_pcm(Guest& guest, const session::AudioBlock& block);
   void flush_pcm(Guest& guest, PcmOut& out, bool all);
   void notify(Guest& guest, const wire::Error& error);
@@ -127,12 +134,14 @@ class Daemon {
 
   const DaemonOptions options_;
   const std::shared_ptr<pack::PackLibrary> packs_;
+  Heads heads_;
   std::map<std::filesystem::path, std::shared_ptr<const pack::SoundPack>> held_packs_;  ///< at the daemon's rate
   const std::shared_ptr<const session::WallClock> clock_;
   std::unique_ptr<wire::Sockets> sockets_;
   std::map<std::string, std::unique_ptr<Guest>> guests_;
   Strangers strangers_;
   std::unique_ptr<session::Scheduler> scheduler_;
+  std::unique_ptr<sinks::Playback> playback_;
   session::AudioBlock block_;
   NoticeTally complaints_;
   wire::Sockets::Counters told_;

@@ -9,6 +9,7 @@
 
 #include "server/apps/command.h"
 #include "server/apps/daemon.h"
+#include "server/apps/wording.h"
 #include "server/wire/endpoint.h"
 
 namespace {
@@ -60,6 +61,17 @@ int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
   return apps::kDone;
 }
 
+int print_devices(rustle::sinks::AudioApi api) {
+  const auto devices = rustle::sinks::output_devices(api);
+  for (const auto& device : devices) {
+    fmt::print("{:<6} {}: {}, {} Hz{}\n", device.api, device.name, rustle::apps::counted(device.channels, "channel"),
+               device.preferred_rate_hz, device.is_default ? ", default" : "");
+  }
+  if (!devices.empty()) return rustle::apps::kDone;
+  fmt::print(stderr, "rustled: no audio device answers; start a sound server, or plug in a card\n");
+  return rustle::apps::kFailed;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -85,9 +97,27 @@ int main(int argc, char** argv) {
   app.add_option("--block-size", options.block_size, "Samples in a block of sessions that do not say")
       ->check(CLI::Range(16, 8192))
       ->capture_default_str();
+  app.add_option(
+      "--hrtf", options.hrtfs,
+      "Whose ears hear binaural sessions that do not say: structural, kemar or a SOFA file, which sessions may then "
+      "name by its stem; may be repeated, the first is the default; kemar where installed");
   app.add_option("--max-sessions", options.max_sessions, "Sessions at a time")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
+  std::string device = "default";
+  std::string audio_api = "auto";
+  bool list_devices = false;
+  double device_buffer_ms = 30;
+  app.add_option("--device", device,
+                 "Where live sessions are also played: all or a part of a device's name, \"default\" or \"none\"")
+      ->capture_default_str();
+  app.add_option("--audio-api", audio_api, "How devices are spoken to")
+      ->check(CLI::IsMember({"auto", "pulse", "jack", "alsa"}))
+      ->capture_default_str();
+  app.add_option("--device-buffer-ms", device_buffer_ms, "Sound that waits for the device; more bridges longer stalls")
+      ->check(CLI::Range(5.0, 500.0))
+      ->capture_default_str();
+  app.add_flag("--list-devices", list_devices, "Print the devices that --device may name, and end");
   app.add_option("--log-level", log_level, "What is logged on standard error")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
@@ -97,6 +127,16 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? rustle::apps::kDone : rustle::apps::kWrongUsage;
   }
   try {
+    const auto api = rustle::sinks::audio_api_of(audio_api).value();
+    if (list_devices) return print_devices(api);
+    if (device != "none") {
+      options.playback.emplace();
+      options.playback->device.api = api;
+      options.playback->device.name = device == "default" ? "" : device;
+      options.playback->device.rate_hz = options.rate_hz;
+      options.playback->lead_s = device_buffer_ms / 1000;
+      options.playback->device.ring_s = 2 * options.playback->lead_s + 0.1;
+    }
     return serve(std::move(options), log_level);
   } catch (const std::exception& error) {
     fmt::print(stderr, "rustled: {}\n", error.what());
