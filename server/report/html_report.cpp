@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <string_view>
 
 #include <fmt/format.h>
 
 #include "server/report/axis.h"
+#include "server/report/html_page.h"
 #include "server/report/image_canvas.h"
 #include "server/report/levels.h"
 #include "server/report/spectrogram_picture.h"
@@ -18,94 +18,11 @@
 namespace rustle::report {
 namespace {
 
-constexpr double kWide = 960, kNarrow = 360, kHalf = 470;
+constexpr double kHalf = 470;
 constexpr std::size_t kTableRows = 10;
-
-constexpr std::string_view kStyle = R"css(
-*{box-sizing:border-box}
-html{color-scheme:light dark;-webkit-text-size-adjust:100%}
-body{margin:0;background:var(--page);color:var(--text);
-font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
-main,header,footer{max-width:1080px;margin:0 auto;padding:0 20px}
-header{padding-top:32px}
-h1{font-size:1.75rem;line-height:1.2;margin:0 0 4px;overflow-wrap:anywhere}
-h2{font-size:1.05rem;margin:0 0 4px}
-p{margin:0}
-.muted,figcaption,footer{color:var(--muted)}
-.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(136px,1fr));gap:12px;
-margin:22px 0 16px;padding:0;list-style:none}
-.tiles li{background:var(--background);border:1px solid var(--grid);
-border-left:4px solid var(--tone,var(--frame));border-radius:8px;padding:10px 14px}
-.tiles b{display:block;font-size:1.5rem;line-height:1.25;font-variant-numeric:tabular-nums;font-weight:650}
-.tiles span{color:var(--muted);font-size:.86rem}
-section{background:var(--background);border:1px solid var(--grid);border-radius:10px;
-padding:18px 20px;margin:0 0 16px}
-figure{margin:0}
-figcaption{font-size:.86rem;margin-top:6px}
-svg{display:block;width:100%;height:auto;
-font-family:system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
-svg.narrow{display:none;max-width:520px;margin:0 auto}
-.pair{display:grid;grid-template-columns:1fr 1fr;gap:16px}
-.pair section{min-width:0}
-dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(210px,1fr));gap:10px 22px;margin:8px 0 0}
-dt{color:var(--muted);font-size:.82rem}
-dd{margin:0;overflow-wrap:anywhere}
-.scroll{overflow-x:auto;margin-top:8px}
-table{border-collapse:collapse;width:100%;font-size:.85rem;font-variant-numeric:tabular-nums}
-th,td{padding:6px 7px;text-align:right;white-space:nowrap;border-bottom:1px solid var(--grid)}
-th{color:var(--muted);font-weight:600;vertical-align:bottom}
-thead th{white-space:normal}
-th.left,td.left{text-align:left}
-tbody tr:last-child td,tbody tr:last-child th{border-bottom:0}
-.dot{display:inline-block;width:9px;height:9px;border-radius:50%;background:var(--tone);margin-right:6px}
-.notices{border-left:4px solid var(--limit)}
-.notices ul{margin:6px 0 0;padding-left:20px}
-footer{padding:4px 20px 36px;font-size:.82rem}
-@media(max-width:680px){
-main,header,footer{padding-left:12px;padding-right:12px}
-header{padding-top:20px}
-h1{font-size:1.4rem}
-section{padding:14px 10px}
-section>h2,section>.lead,section dl,figcaption{padding:0 4px}
-.pair{grid-template-columns:1fr;gap:0}
-.tiles{grid-template-columns:1fr 1fr;gap:8px}
-svg.wide{display:none}
-svg.narrow{display:block}
-}
-@media print{body{background:#fff}section{break-inside:avoid}}
-)css";
-
-std::string css_variables(const Theme& theme, std::string_view page) {
-  std::string text = fmt::format("--page:{}", page);
-  for (int i = 0; i < kInks; ++i) {
-    text += fmt::format(";--{}:{}", ink_name(static_cast<Ink>(i)), css_colour(theme[static_cast<std::size_t>(i)]));
-  }
-  return text;
-}
 
 std::string db_text(double level_db) {
   return level_db <= kSilenceDb ? "silent" : fmt::format("{:.1f}", level_db);
-}
-
-using Draw = std::function<void(Canvas&, const Rect&)>;
-
-std::string drawing(std::string_view id, std::string_view description, double width, double height,
-                    std::string_view css_class, const Draw& draw) {
-  SvgCanvas canvas(width, height, id, description, css_class);
-  draw(canvas, {0, 0, width, height});
-  return canvas.markup();
-}
-
-/// A drawing for wide windows and one for phones, of which the style shows one.
-std::string drawings(std::string_view id, std::string_view description, double wide_height, double narrow_height,
-                     const Draw& draw) {
-  return drawing(fmt::format("{}-wide", id), description, kWide, wide_height, "wide", draw) + "\n" +
-         drawing(fmt::format("{}-narrow", id), description, kNarrow, narrow_height, "narrow", draw);
-}
-
-std::string section(std::string_view title, std::string_view body, std::string_view caption) {
-  return fmt::format("<section>\n<h2>{}</h2>\n<figure>\n{}\n<figcaption>{}</figcaption>\n</figure>\n</section>\n", title,
-                     body, caption);
 }
 
 struct Totals {
@@ -129,23 +46,18 @@ std::string event_noun(EventKind kind, std::size_t count) {
   return fmt::format("{}{}", nouns[static_cast<std::size_t>(kind)], count == 1 ? "" : "s");
 }
 
-std::string tile(std::string_view number, std::string_view label, std::string_view tone) {
-  return fmt::format("<li style=\"--tone:var(--{})\"><b>{}</b><span>{}</span></li>\n", tone, html_escaped(number),
-                     html_escaped(label));
-}
-
 std::string tiles(const RenderReport& report, const LevelTrack& levels, const Totals& totals) {
   std::string text = "<ul class=\"tiles\" aria-label=\"Headline numbers\">\n";
   const auto count = [&](EventKind kind) { return totals.events[static_cast<std::size_t>(kind)]; };
   for (int k = 0; k < kEventKinds; ++k) {
     const EventKind kind = static_cast<EventKind>(k);
-    text += tile(grouped(count(kind)), event_noun(kind, count(kind)), kind_name(kind));
+    text += html_tile(grouped(count(kind)), event_noun(kind, count(kind)), kind_name(kind));
   }
-  text += tile(db_text(levels.total_peak_db), "peak dBFS", "level");
-  text += tile(db_text(levels.total_rms_db), "RMS dBFS", "level");
+  text += html_tile(db_text(levels.total_peak_db), "peak dBFS", "level");
+  text += html_tile(db_text(levels.total_rms_db), "RMS dBFS", "level");
   const bool clean = levels.full_scale_samples == 0 && report.limited_samples == 0;
-  text += tile(fmt::format("{} / {}", grouped(levels.full_scale_samples), grouped(report.limited_samples)),
-               "clipped / limited samples", clean ? "level" : "limit");
+  text += html_tile(fmt::format("{} / {}", grouped(levels.full_scale_samples), grouped(report.limited_samples)),
+                    "clipped / limited samples", clean ? "level" : "limit");
   return text + "</ul>\n";
 }
 
@@ -268,25 +180,19 @@ std::string html_report(const RenderReport& report) {
     if (std::isfinite(event.end_s)) end_s = std::max(end_s, event.end_s);
   }
 
-  std::string page = fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n"
-      ":root{{{}}}\n@media(prefers-color-scheme:dark){{:root{{{}}}}}{}</style>\n</head>\n<body>\n",
-      html_escaped(title), css_variables(light_theme(), "#f4f2ed"), css_variables(dark_theme(), "#0e1013"), kStyle);
-  page += fmt::format("<header>\n<h1>{}</h1>\n<p class=\"muted\">{}</p>\n</header>\n<main>\n", html_escaped(title),
-                      html_escaped(counts));
+  std::string page;
   page += tiles(report, levels, totals);
   page += notices(report, levels);
 
   const auto spectrogram = [&](Canvas& canvas, const Rect& rect) {
     SpectrogramOptions options;
-    options.cell_scale = rect.width < kWide ? 2 : 1;
+    options.cell_scale = rect.width < kWidePicture ? 2 : 1;
     draw_spectrogram(canvas, rect, report.sound, report.events, options);
   };
-  page += section(
+  page += html_section(
       "Spectrogram",
-      drawings("spectrogram", fmt::format("Spectrogram of {:.1f} s of sound, {}.", report.sound.duration_s(), counts), 440,
-               340, spectrogram),
+      html_drawings("spectrogram", fmt::format("Spectrogram of {:.1f} s of sound, {}.", report.sound.duration_s(), counts),
+                    440, 340, spectrogram),
       "Above: crumpling events, longer for larger amplitudes. Below: friction and tearing, stronger when faster. "
       "0 dB is a full-scale sine.");
 
@@ -294,42 +200,42 @@ std::string html_report(const RenderReport& report) {
     draw_levels(canvas, rect, levels, report.sound.end_s(), report.limit_db);
   };
   const auto waveform = [&](Canvas& canvas, const Rect& rect) { draw_waveform(canvas, rect, report.sound); };
-  page += section("Level",
-                  drawings("levels",
-                           fmt::format("Level over time: peak {} dBFS, RMS {} dBFS.", db_text(levels.total_peak_db),
-                                       db_text(levels.total_rms_db)),
-                           224, 210, level) +
-                      "\n" + drawings("waveform", "Waveform of all channels.", 150, 130, waveform),
-                  "RMS and peak of windows of 20 ms; below, the waveform of all channels.");
+  page += html_section("Level",
+                       html_drawings("levels",
+                                     fmt::format("Level over time: peak {} dBFS, RMS {} dBFS.",
+                                                 db_text(levels.total_peak_db), db_text(levels.total_rms_db)),
+                                     224, 210, level) +
+                           "\n" + html_drawings("waveform", "Waveform of all channels.", 150, 130, waveform),
+                       "RMS and peak of windows of 20 ms; below, the waveform of all channels.");
 
   std::vector<TimelineSheet> rows;
   for (const ReportSheet& sheet : report.sheets) rows.push_back({sheet.id, sheet.name});
   const TimelineInput input = {report.events, rows, start_s, end_s};
   const double height = timeline_height(input);
-  page += section("Events over time",
-                  drawings("timeline", fmt::format("Timeline of events per sheet: {}.", counts), height, height,
-                           [&](Canvas& canvas, const Rect& rect) { draw_timeline(canvas, rect, input); }),
-                  "Crumpling: a line per event, its height the logarithm of its amplitude over three decades. "
-                  "Friction and tearing: speed.");
+  page += html_section("Events over time",
+                       html_drawings("timeline", fmt::format("Timeline of events per sheet: {}.", counts), height, height,
+                                     [&](Canvas& canvas, const Rect& rect) { draw_timeline(canvas, rect, input); }),
+                       "Crumpling: a line per event, its height the logarithm of its amplitude over three decades. "
+                       "Friction and tearing: speed.");
 
   page += "<div class=\"pair\">\n";
-  page += section("Amplitudes",
-                  drawing("amplitudes", "Histogram of crumpling amplitudes, both axes logarithmic.", kHalf, 330, "",
-                          [&](Canvas& canvas, const Rect& rect) { draw_amplitude_histogram(canvas, rect, report.events); }),
-                  "Crumpling events per quarter of a decade.");
-  page += section(
+  page += html_section(
+      "Amplitudes",
+      html_drawing("amplitudes", "Histogram of crumpling amplitudes, both axes logarithmic.", kHalf, 330, "",
+                   [&](Canvas& canvas, const Rect& rect) { draw_amplitude_histogram(canvas, rect, report.events); }),
+      "Crumpling events per quarter of a decade.");
+  page += html_section(
       "Resonators",
-      drawing("resonators", "Ruling length against free border length of every resonator, over the sound pack's grid.",
-              kHalf, 330, "",
-              [&](Canvas& canvas, const Rect& rect) { draw_resonators(canvas, rect, report.events, report.pack_grid); }),
+      html_drawing(
+          "resonators", "Ruling length against free border length of every resonator, over the sound pack's grid.", kHalf,
+          330, "",
+          [&](Canvas& canvas, const Rect& rect) { draw_resonators(canvas, rect, report.events, report.pack_grid); }),
       "What the events set vibrating. The nearest grid point gives the sound.");
   page += "</div>\n";
   page += largest_table(report);
   page += facts(report);
-  page +=
-      "</main>\n<footer>Made by Rustle. Lengths in metres, time in seconds of the simulation, levels relative to full scale."
-      "</footer>\n</body>\n</html>\n";
-  return page;
+  return html_page(title, counts, page,
+                   "Made by Rustle. Lengths in metres, time in seconds of the simulation, levels relative to full scale.");
 }
 
 tl::expected<void, std::string> write_html_report(const std::filesystem::path& path, const RenderReport& report) {
