@@ -23,6 +23,7 @@ void add_listen(CLI::App& app, Action& action);
 void add_pack(CLI::App& app, Action& action);
 void add_render(CLI::App& app, Action& action);
 void add_replay(CLI::App& app, Action& action);
+void add_validate(CLI::App& app, Action& action);
 
 /// Prints "rustle: MESSAGE" on standard error and returns `status`.
 int complain(std::string_view message, ExitStatus status);

@@ -17,13 +17,15 @@
 #include "server/session/settled_options.h"
 #include "server/sinks/event_log.h"
 #include "server/sinks/wav.h"
+#include "server/spatial/hrtf_choice.h"
 #include "server/wire/topics.h"
 
 namespace rustle::apps {
 namespace {
 
 struct RenderArguments {
-  std::string capture, output, material, channels, mode, format = "f32", listener, stems, events, report;
+  std::string capture, output, material, channels, hrtf, mode, format = "f32", listener, facing, stems, events, report;
+  int friction_fft_size = 0;
   std::optional<std::uint64_t> seed;
   int block_size = 128;
   int workers = 1;
@@ -129,14 +131,32 @@ int run(const RenderArguments& arguments) {
   if (arguments.rate_hz != 0) options.rate_hz = static_cast<std::uint32_t>(arguments.rate_hz);
   if (arguments.channels == "mono") options.channels = session::ChannelLayout::kMono;
   if (arguments.channels == "stereo") options.channels = session::ChannelLayout::kStereo;
+  if (arguments.channels == "binaural") options.channels = session::ChannelLayout::kBinaural;
+  if (!arguments.hrtf.empty()) options.hrtf = arguments.hrtf;
+  if (arguments.friction_fft_size != 0) options.friction_fft_size = static_cast<std::uint32_t>(arguments.friction_fft_size);
   options = session::settled(options);
+  std::shared_ptr<const spatial::Hrtf> head;
+  if (options.channels == session::ChannelLayout::kBinaural) {
+    const bool by_name =
+        options.hrtf.empty() || options.hrtf == spatial::kStructuralHrtf || options.hrtf == spatial::kKemarHrtf;
+    if (!by_name && arguments.hrtf.empty()) {
+      return complain(
+          fmt::format("the capture was heard with the HRTF \"{}\"; name its file, or another, with --hrtf", options.hrtf),
+          kWrongUsage);
+    }
+    auto loaded = spatial::load_hrtf(options.hrtf, options.rate_hz);
+    if (!loaded) return complain(fmt::format("--hrtf: {}", loaded.error()), kWrongUsage);
+    head = std::move(*loaded);
+  } else if (!arguments.hrtf.empty()) {
+    return complain("--hrtf belongs to binaural sound; add --channels binaural", kWrongUsage);
+  }
 
   auto packs = std::make_shared<pack::PackLibrary>();
   const std::string& wanted = arguments.material.empty() ? options.default_material : arguments.material;
   if (auto found = packs->find(wanted); !found) {
     return complain(found.error().text(), kWrongUsage);
   }
-  engine::Options engine_options = session::engine_options(options);
+  engine::Options engine_options = session::engine_options(options, head);
   engine_options.gain_db = arguments.gain_db;
   engine_options.stems = !arguments.stems.empty();
   if (!arguments.material.empty()) engine_options.every_material = arguments.material;
@@ -146,6 +166,13 @@ int run(const RenderArguments& arguments) {
     const auto point = parse_point(arguments.listener);
     if (!point) return complain("--listener takes three numbers in metres, as in --listener 0,-1,0.5", kWrongUsage);
     listener = scene::Listener{options.time_origin_s, *point, std::nullopt, sheet::Vec3d::UnitZ()};
+  }
+  if (!arguments.facing.empty()) {
+    if (!listener) return complain("--facing turns the --listener; say where that is too", kWrongUsage);
+    const auto direction = parse_point(arguments.facing);
+    if (!direction || !(direction->norm() > 1e-9))
+      return complain("--facing takes a direction as three numbers, as in --facing 0,1,0", kWrongUsage);
+    listener->forward = direction->normalized();
   }
   const int channels = engine::channels_of(engine_options.layout);
   const auto format = wav_format(arguments.format);
@@ -184,7 +211,11 @@ int run(const RenderArguments& arguments) {
     progress.show(source->progress());
     return item;
   };
-  ends.observed = [&](const observation::Observation& observed) { log.add(observed); };
+  bool unidentified = false;
+  ends.observed = [&](const observation::Observation& observed) {
+    unidentified |= observed.unidentified;
+    log.add(observed);
+  };
   ends.refused = [&](const engine::Refusal& refusal) {
     auto& refusals = engine_refusals[refusal.field];
     if (refusals.count++ == 0) refusals.first = fmt::format("{}: {} {}", refusal.field, refusal.message, refusal.remedy);
@@ -221,6 +252,12 @@ int run(const RenderArguments& arguments) {
   const double rms = std::sqrt(sum / std::max<double>(1, static_cast<double>(summary.samples) * channels));
   const auto dbfs = [](double x) { return 20 * std::log10(std::max(x, 1e-15)); };
 
+  if (unidentified) {
+    warn(
+        "a sheet has a new mesh at every frame and no material coordinates: events that show in the mesh are not heard, "
+        "only "
+        "what its bending feeds; import `material_coordinates` with it");
+  }
   std::vector<std::string> notices;
   auto refused = source->refused();
   refused.insert(engine_refusals.begin(), engine_refusals.end());
@@ -265,6 +302,7 @@ int run(const RenderArguments& arguments) {
                                               {"cues_dropped", losses.cues_dropped},
                                               {"sounds_missing", losses.sounds_missing},
                                               {"planes_left_out", losses.planes_left_out},
+                                              {"voices_merged", summary.plan.voices_merged},
                                               {"samples_limited", summary.render.samples_limited},
                                               {"samples_not_finite", losses.samples_not_finite},
                                               {"elapsed_s", elapsed_s},
@@ -301,13 +339,22 @@ void add_render(CLI::App& app, Action& action) {
   command->add_option("--workers", arguments->workers, "Threads; 2 lets analysis run ahead of synthesis; changes no sample")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();
-  command->add_option("--channels", arguments->channels, "mono or stereo; the capture's own when absent, else stereo")
-      ->check(CLI::IsMember({"mono", "stereo"}));
+  command
+      ->add_option("--channels", arguments->channels,
+                   "mono, stereo, or binaural for headphones; the capture's own when absent, else stereo")
+      ->check(CLI::IsMember({"mono", "stereo", "binaural"}));
+  command->add_option("--hrtf", arguments->hrtf,
+                      "Whose ears hear binaural sound: structural, kemar or a SOFA file; kemar where installed");
+  command
+      ->add_option("--friction-fft", arguments->friction_fft_size,
+                   "FFT size of friction noise in samples, hop half of it; 1024, above 50 kHz 2048, when absent")
+      ->check(CLI::IsMember({128, 256, 512, 1024, 2048, 4096, 8192}));
   command
       ->add_option("--mode", arguments->mode,
                    "corrected, or published: the papers' formulas as printed; the capture's own when absent, else corrected")
       ->check(CLI::IsMember({"published", "corrected"}));
   command->add_option("--listener", arguments->listener, "Where it is heard, x,y,z in metres, z up");
+  command->add_option("--facing", arguments->facing, "Which way the listener looks, x,y,z; at the sheets when absent");
   command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")
       ->check(CLI::Range(-120.0, 60.0))
       ->capture_default_str();

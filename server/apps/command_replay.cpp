@@ -34,7 +34,7 @@ using Body = wire::StreamEnvelope::Body;
 constexpr std::chrono::milliseconds kLastNotices{100};  // on their way when a live session has ended
 
 struct ReplayArguments {
-  std::string capture, clock = "live", control = "tcp://127.0.0.1:7390", material, wav, session;
+  std::string capture, clock = "live", control = "tcp://127.0.0.1:7390", material, wav, session, channels, hrtf;
   std::optional<std::uint64_t> seed;
   std::optional<double> from_s, to_s;
   double speed = 1;
@@ -127,7 +127,22 @@ client::SessionOptions attach_options(const ReplayArguments& arguments, const Se
                                                                  : client::SynthesisMode::kCorrected;
   options.rate_hz = said.rate_hz;
   options.block_size = said.block_size;
-  options.channels = said.channels == session::ChannelLayout::kMono ? client::Channels::kMono : client::Channels::kStereo;
+  switch (said.channels) {
+    case session::ChannelLayout::kMono:
+      options.channels = client::Channels::kMono;
+      break;
+    case session::ChannelLayout::kStereo:
+      options.channels = client::Channels::kStereo;
+      break;
+    case session::ChannelLayout::kBinaural:
+      options.channels = client::Channels::kBinaural;
+      break;
+  }
+  if (arguments.channels == "mono") options.channels = client::Channels::kMono;
+  if (arguments.channels == "stereo") options.channels = client::Channels::kStereo;
+  if (arguments.channels == "binaural") options.channels = client::Channels::kBinaural;
+  options.hrtf = arguments.hrtf.empty() ? said.hrtf : arguments.hrtf;
+  options.friction_fft_size = said.friction_fft_size;
   options.default_material = arguments.material.empty() ? said.default_material : arguments.material;
   if (simulation) options.playout_delay_s = said.playout_delay_s;
   return options;
@@ -331,6 +346,12 @@ void add_replay(CLI::App& app, Action& action) {
   command->add_option("--to", arguments->to_s, "Simulation time to stop at, in s");
   command->add_option("--material", arguments->material, "Material of sheets that name none");
   command->add_option("--seed", arguments->seed, "Seed of everything random");
+  command
+      ->add_option("--channels", arguments->channels,
+                   "mono, stereo, or binaural for headphones; the capture's own when absent, else stereo")
+      ->check(CLI::IsMember({"mono", "stereo", "binaural"}));
+  command->add_option("--hrtf", arguments->hrtf,
+                      "Whose ears hear binaural sound: structural, kemar or another name that the daemon offers");
   command->add_option("--session", arguments->session, "Session name; the capture's when absent");
   command->add_option("--wav", arguments->wav, "WAV file for the sound that comes back");
   command->add_option("--control", arguments->control, "The daemon's control endpoint")->capture_default_str();

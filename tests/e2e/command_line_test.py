@@ -7,7 +7,7 @@ import numpy as np
 
 from support import BIN, STORED_CAPTURE, RustleTest, daemon, grid, main, rustle, save_npz
 
-COMMANDS = ["demo", "render", "import", "inspect", "replay", "listen", "pack", "pack list", "pack check", "pack generate"]
+COMMANDS = ["demo", "render", "import", "inspect", "replay", "listen", "pack", "pack list", "pack check", "pack generate", "pack build", "pack show", "pack play"]
 
 
 class Help(RustleTest):

@@ -176,7 +176,7 @@ class Replay(RustleTest):
 
     def test_figures_are_told_by_replay_and_render(self):
         losses = ["voices_most", "voices_stolen", "voices_dropped", "sources_dropped", "cues_dropped", "sounds_missing",
-                  "planes_left_out", "samples_limited", "samples_not_finite"]
+                  "planes_left_out", "samples_limited", "samples_not_finite", "voices_merged"]
         wav, rendered = self.folder / "replayed.wav", self.folder / "rendered.wav"
         with daemon(self.folder) as ends:
             done = rustle("replay", STORED_CAPTURE, "--clock", "simulation", "--control", ends["control"], "--json", "--wav", wav)

@@ -34,10 +34,13 @@ def read_wav(path):
         name, size = data[at:at + 4], int.from_bytes(data[at + 4:at + 8], "little")
         body = data[at + 8:at + 8 + size]
         if name == b"fmt ":
-            form = dict(tag=int.from_bytes(body[0:2], "little"), channels=int.from_bytes(body[2:4], "little"),
+            tag = int.from_bytes(body[0:2], "little")
+            form = dict(tag=int.from_bytes(body[24:26], "little") if tag == 0xFFFE else tag, channels=int.from_bytes(body[2:4], "little"),
                         rate=int.from_bytes(body[4:8], "little"), bits=int.from_bytes(body[14:16], "little"))
         if name == b"data":
-            if form["bits"] == 32:
+            if form["bits"] == 32 and form["tag"] == 1:
+                flat = np.frombuffer(body[:len(body) // 4 * 4], "<i4") / 2147483648.0
+            elif form["bits"] == 32:
                 flat = np.frombuffer(body, "<f4").astype(float)
             elif form["bits"] == 16:
                 flat = np.frombuffer(body, "<i2") / 32768.0

@@ -19,6 +19,7 @@ int main(int argc, char** argv) {
   add_replay(app, action);
   add_listen(app, action);
   add_pack(app, action);
+  add_validate(app, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
