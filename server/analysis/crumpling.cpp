@@ -221,7 +221,8 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
   const auto least_band = static_cast<float>(parameters.event_band_per_m);
   for (std::uint32_t i = 0; i < n; ++i) {
     const float h = now[i];
-    if (before[i] * h < 0) state.crossed_s[i] = state.time_s + interval * (before[i] / (static_cast<double>(before[i]) - h));
+    if (before[i] * h <= 0 && before[i] != h)
+      state.crossed_s[i] = state.time_s + interval * (before[i] / (static_cast<double>(before[i]) - h));
     if (std::fabs(h) <= least_band) continue;
     const std::int8_t side = h > 0 ? 1 : -1;
     if (state.sign[i] == 0) {

@@ -10,7 +10,7 @@
 namespace rustle::analysis {
 namespace {
 
-constexpr std::size_t kMostVertices = 1024;
+constexpr std::size_t kMostVertices = 128;
 constexpr double kLeastSpread = 1e-6;  // second singular value beside the first: below it the axis of rotation is open
 
 }  // namespace

@@ -156,3 +156,25 @@ TEST_CASE("a snap is one event whose loudness is that of the bend it left", "[re
     }
   }
 }
+
+TEST_CASE("a frame in which the sheet is exactly flat is the date", "[reversal]") {
+  const double rate_hz = 60;
+  sheets::ReversalOptions options;
+  options.start_s = 20 / rate_hz;
+  options.reversal_s = 8 / rate_hz;
+  options.rest_s = 8 / rate_hz;
+  const auto sheet = sheets::make_reversal(sheets::make_rectangle(MeshKind::kDelaunay, 0.297, 0.210, 446), options);
+  const test_support::AnimatedFrames frames(*sheet);
+  analysis::SheetAnalyzer analyzer(1, {});
+  std::uint64_t next_id = 1;
+  std::vector<CrumplingEvent> events;
+  for (int k = 0; k <= 36; ++k) {
+    auto frame = frames.at(k / rate_hz);
+    if (k == 24) {
+      for (auto& position : frame.positions_m) position.z() = 0;
+    }
+    for (auto& event : analyzer.analyze(frame, {}, next_id).crumpling) events.push_back(std::move(event));
+  }
+  REQUIRE(!events.empty());
+  CHECK(events[0].time_s == Approx(24 / rate_hz).margin(1e-3));
+}
