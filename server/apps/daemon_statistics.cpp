@@ -1,0 +1,40 @@
+#include "server/apps/daemon.h"
+
+namespace rustle::apps {
+
+wire::Statistics Daemon::statistics(const Guest& asked) const {
+  const auto counters = asked.session->counters();
+  const auto& options = asked.session->options();
+  wire::Statistics out;
+  out.session_id = asked.session->id();
+  out.messages_received = asked.messages;
+  out.frames_received = counters.frames_received;
+  out.frames_analysed = counters.frames_analysed;
+  out.frames_dropped = counters.frames_dropped;
+  out.messages_refused = asked.refused;
+  out.sequence_gaps = asked.sequence_gaps;
+  out.samples_due = counters.samples_due;
+  out.samples_sent = asked.samples_sent;
+  out.samples_in_gaps = asked.samples_in_gaps;
+  out.voices = counters.render.voices;
+  out.voices_most = counters.render.voices_most;
+  out.voices_stolen = counters.render.voices_stolen;
+  out.voices_dropped = counters.render.voices_dropped;
+  out.sources_dropped = counters.render.sources_dropped;
+  out.cues_dropped = counters.render.cues_dropped;
+  out.samples_limited = counters.render.samples_limited;
+  out.samples_not_finite = counters.render.samples_not_finite;
+  out.voices_merged = counters.plan.voices_merged;
+  out.sounds_missing = counters.plan.sounds_missing;
+  out.planes_left_out = counters.plan.planes_left_out;
+  out.crumpling_events = counters.crumpling_events;
+  out.friction_episodes = counters.friction_episodes;
+  out.tear_events = counters.tear_events;
+  out.newest_time_s = counters.newest_time_s;
+  out.rendered_time_s = asked.session->time_of(asked.session->samples_rendered());
+  out.playout_delay_s = *options.playout_delay_s;
+  out.clock_drift_ppm = asked.drift.ppm();
+  return out;
+}
+
+}  // namespace rustle::apps
