@@ -12,7 +12,7 @@ namespace {
 
 using sheet::Vec2d;
 using sheet::Vec3d;
-using sheet::Vec3f;
+using sheet::Vec4f;
 
 constexpr double kGridCells = 12;  // of a sheet's bounding box
 constexpr double kSamples = 1500;  // that stay with the material of a sheet
@@ -35,7 +35,7 @@ float at(const sheet::Transfer::Origin& o, std::span<const float> values) {
   return o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
 }
 
-Vec3f at(const sheet::Transfer::Origin& o, std::span<const Vec3f> values) {
+Vec4f at(const sheet::Transfer::Origin& o, std::span<const Vec4f> values) {
   return o.weights[0] * values[o.vertices[0]] + o.weights[1] * values[o.vertices[1]] + o.weights[2] * values[o.vertices[2]];
 }
 
@@ -103,12 +103,12 @@ struct Changed {
   Eigen::Matrix3d second = Eigen::Matrix3d::Zero();
 };
 
-void orient(const BendingPatches& patches, std::uint32_t patch, std::span<const Vec3f> relative_m,
+void orient(const BendingPatches& patches, std::uint32_t patch, std::span<const Vec4f> relative_m,
             observation::BendingPatch& out) {
   const auto vector_area = [&](std::uint32_t k) {
     const sheet::Triangle& t = patches.triangles[k];
-    const Vec3f a = relative_m[t[1]] - relative_m[t[0]], b = relative_m[t[2]] - relative_m[t[0]];
-    return Vec3d(a.cross(b).cast<double>());
+    const Vec4f a = relative_m[t[1]] - relative_m[t[0]], b = relative_m[t[2]] - relative_m[t[0]];
+    return Vec3d(a.cross3(b).head<3>().cast<double>());
   };
   const std::uint32_t first = patches.triangle_start[patch], last = patches.triangle_start[patch + 1];
   Vec3d sum = Vec3d::Zero();
@@ -205,7 +205,7 @@ void find_bending(const BendingInputs& in, BendingState& state, std::vector<obse
     state.stays_per_m[i] += off > 0 ? beyond : -beyond;
     state.slack_per_m[i] = kLeastSlack;
     const auto weight_m = static_cast<double>(beyond * (sampled ? state.samples.area_m2 : in.patches.area_m2[i]));
-    const Vec3d place = (sampled ? at(on_mesh[i], in.relative_m) : in.relative_m[i]).cast<double>();
+    const Vec3d place = (sampled ? at(on_mesh[i], in.relative_m) : in.relative_m[i]).head<3>().cast<double>();
     Changed& patch = changed[sampled ? state.samples.patch[i] : in.patches.of_vertex[i]];
     patch.change_m += weight_m;
     patch.moment += weight_m * place;

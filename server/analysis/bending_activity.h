@@ -58,7 +58,7 @@ struct BendingInputs {
   const BendingPatches& patches;
   const CurvatureStencils& stencils;
   std::span<const float> mean_per_m;         ///< [V] H
-  std::span<const sheet::Vec3f> relative_m;  ///< [V] in space, relative to origin_m
+  std::span<const sheet::Vec4f> relative_m;  ///< [V] in space, relative to origin_m
   sheet::Vec3d origin_m;
   bool remeshed = false;  ///< the topology is new: H differs by what the mesh is, most where it is steepest
 };

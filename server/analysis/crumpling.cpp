@@ -249,10 +249,11 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
   if (!state.seeds.empty()) {
     FlipFinder finder(in, parameters, state);
     const CurvatureHistory history(state, in.time_s);
-    sheet::FaceGeometry faces;
-    std::vector<float> areas_m2;
-    sheet::face_geometry(*in.stencils.topology, in.positions_m, faces);
-    sheet::vertex_areas_m2(*in.stencils.topology, faces.areas_m2, areas_m2);
+    std::vector<sheet::Vec4f> relative_m;
+    std::vector<float> face_areas_m2, areas_m2;
+    sheet::relative_positions_m(in.positions_m, in.positions_m[state.seeds[0]].cast<double>(), relative_m);
+    sheet::face_areas_m2(*in.stencils.topology, relative_m, face_areas_m2);
+    sheet::vertex_areas_m2(*in.stencils.topology, face_areas_m2, areas_m2);
     struct Flip {
       std::vector<std::uint32_t> vertices;
       std::uint64_t event;

@@ -5,10 +5,13 @@
 #include <cmath>
 #include <utility>
 
+#include "server/sheet/simd.h"
+
 namespace rustle::analysis {
 namespace {
 
-constexpr double kCellsPerRadius = 3.5;  // nodes of a fine mesh are cells of the kernel radius over this
+constexpr double kCellsPerRadius = 3.5;      // nodes of a fine mesh are cells of the kernel radius over this
+constexpr std::size_t kFineVertices = 8192;  // from there on the order of hinges in memory counts
 
 void link_neighbours(CurvatureStencils& out) {
   const sheet::Topology& topology = *out.topology;
@@ -22,6 +25,16 @@ void link_neighbours(CurvatureStencils& out) {
   out.neighbour.resize(out.neighbour_start.back());
   std::vector<std::uint32_t> next(out.neighbour_start.begin(), out.neighbour_start.end() - 1);
   each([&](std::uint32_t a, std::uint32_t b) { out.neighbour[next[a]++] = b, out.neighbour[next[b]++] = a; });
+}
+
+/// H and K of every row's target.
+RUSTLE_SIMD void sum_rows(const CurvatureStencils& stencils, Curvature& out) {
+  float *const mean_per_m = out.mean_per_m.data(), *const bending_per_m = out.bending_per_m.data();
+  for (std::size_t i = 0; i < stencils.targets.size(); ++i) {
+    const Moment seen = weighted_sum(stencils.rows.row(i), out.moments) * stencils.response[i];
+    mean_per_m[stencils.targets[i]] = seen[0] + seen[1] + seen[2];
+    bending_per_m[stencils.targets[i]] = seen[3];
+  }
 }
 
 }  // namespace
@@ -38,6 +51,7 @@ CurvatureStencils curvature_stencils(std::shared_ptr<const sheet::Topology> topo
     out.radius_m.push_back(std::max(parameters.event_radius_m, parameters.event_radius_edges * edge));
   }
   out.rows = kernel({out.plane.coordinates_m, out.plane.component}, out.radius_m, out.nodes.points);
+  out.targets = sort_rows(out.rows, out.nodes.of_vertex);
   out.response.reserve(out.rows.rows());
   for (std::size_t i = 0; i < out.rows.rows(); ++i) {
     const auto row = out.rows.row(i);
@@ -48,20 +62,17 @@ CurvatureStencils curvature_stencils(std::shared_ptr<const sheet::Topology> topo
     out.response.push_back(Eigen::Array4d(trace[0], trace[1], trace[2], 0.5 / std::max(area_m2, 1e-30)).cast<float>());
   }
   out.hinges = std::move(basis.hinges);
+  out.in_edge_order = out.plane.coordinates_m.size() < kFineVertices;
+  if (!out.in_edge_order) sort_by_node(out.nodes, out.hinges);
   link_neighbours(out);
   return out;
 }
 
 void measure_curvature(const CurvatureStencils& stencils, std::span<const float> angles_rad, Curvature& out) {
   gather_moments(stencils.nodes, angles_rad, out.moments);
-  const std::size_t vertices = stencils.response.size();
-  out.mean_per_m.resize(vertices);
-  out.bending_per_m.resize(vertices);
-  for (std::size_t i = 0; i < vertices; ++i) {
-    const Moment seen = weighted_sum(stencils.rows.row(i), out.moments) * stencils.response[i];
-    out.mean_per_m[i] = seen[0] + seen[1] + seen[2];
-    out.bending_per_m[i] = seen[3];
-  }
+  out.mean_per_m.resize(stencils.targets.size());
+  out.bending_per_m.resize(stencils.targets.size());
+  sum_rows(stencils, out);
 }
 
 }  // namespace rustle::analysis

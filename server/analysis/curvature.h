@@ -17,11 +17,13 @@ struct CurvatureStencils {
   std::shared_ptr<const sheet::Topology> topology;
   sheet::RestPlane plane;
   std::vector<sheet::Hinge> hinges;   ///< [E]
+  bool in_edge_order = true;          ///< hinges are the topology's interior edges in their order; false on fine meshes
   std::vector<double> edge_length_m;  ///< [V] local, in the rest plane
   std::vector<double> radius_m;       ///< [V] within which hinges count
   MomentNodes nodes;
-  Stencil rows;                  ///< nodes to vertices
-  std::vector<Moment> response;  ///< [V] to a row's sum: (½, 0, ½)(Kᵀ W K)⁻¹ for H, and 1/(2 area) for K
+  Stencil rows;                        ///< nodes to vertices,
+  std::vector<std::uint32_t> targets;  ///< [V] the vertex of each row
+  std::vector<Moment> response;        ///< [V] to a row's sum: (½, 0, ½)(Kᵀ W K)⁻¹ for H, and 1/(2 area) for K
   std::vector<std::uint32_t> neighbour_start, neighbour;  ///< vertices joined by an edge
 };
 

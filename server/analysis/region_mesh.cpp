@@ -2,13 +2,12 @@
 
 namespace rustle::analysis {
 
-void RegionMesh::gather_positions_m(std::span<const sheet::Vec3f> fine_m, std::vector<sheet::Vec3f>& out) const {
-  if (!proxy) {
-    out.assign(fine_m.begin(), fine_m.end());
-    return;
-  }
+std::span<const sheet::Vec4f> RegionMesh::positions_m(std::span<const sheet::Vec4f> fine_m,
+                                                      std::vector<sheet::Vec4f>& out) const {
+  if (!proxy) return fine_m;
   out.resize(proxy->vertices.size());
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = fine_m[proxy->vertices[i]];
+  return out;
 }
 
 void RegionMesh::gather_marks(const std::vector<bool>& fine, std::vector<std::uint8_t>& out) const {

@@ -17,7 +17,8 @@ struct RegionMesh {
   RegionStencils stencils;
   std::optional<sheet::Proxy> proxy;  ///< none: the sheet itself
 
-  void gather_positions_m(std::span<const sheet::Vec3f> fine_m, std::vector<sheet::Vec3f>& out) const;
+  /// Of its vertices: those of the sheet themselves, or gathered.
+  std::span<const sheet::Vec4f> positions_m(std::span<const sheet::Vec4f> fine_m, std::vector<sheet::Vec4f>& out) const;
   /// A proxy vertex is marked when any fine vertex closest to it is. \pre fine: one mark per vertex, or none
   void gather_marks(const std::vector<bool>& fine, std::vector<std::uint8_t>& out) const;
   /// Marks the vertices that are these, or on a proxy those of these that it has.

@@ -15,6 +15,7 @@ using sheet::kNone;
 using sheet::Vec2d;
 using sheet::Vec2f;
 using sheet::Vec3f;
+using sheet::Vec4f;
 
 constexpr double kSharpPull = 0.1;  // a side across a fold ties a sliver to its neighbour this much
 constexpr double kEmptyFit = 1e-9;  // of the trace: with less left after masking, nothing is known
@@ -128,7 +129,7 @@ void bend_over_ridge_width(const RegionStencils& s, const RegionScratch& scratch
 }
 
 void find_ridges(const RegionStencils& s, const Parameters& parameters, RegionScratch& scratch, RegionMap& map) {
-  const auto count = static_cast<std::uint32_t>(map.faces.areas_m2.size());
+  const auto count = static_cast<std::uint32_t>(map.areas_m2.size());
   const auto limit = static_cast<float>(parameters.ridge_angle_rad);
   map.ridge.assign(count, 0);
   map.bend_rad.assign(count, 0.0f);
@@ -238,7 +239,7 @@ void measure_border(const RegionStencils& s, const RegionScratch& scratch, const
 void find_bending(const RegionStencils& s, const RegionFrame& frame, const Parameters& parameters, RegionScratch& scratch,
                   RegionMap& map) {
   assert(frame.positions_m.size() == s.topology->vertex_count());
-  sheet::face_geometry(*s.topology, frame.positions_m, map.faces);
+  sheet::face_areas_m2(*s.topology, frame.positions_m, map.areas_m2);
   if (frame.angles_rad.empty()) {
     scratch.angles_rad.resize(s.basis.hinges.size());
     sheet::dihedral_angles_rad(s.basis.hinges, frame.positions_m, scratch.angles_rad);
@@ -375,7 +376,7 @@ void part_from(RegionScratch::Part& part, std::uint32_t region) {
 
 /// Smallest first, a region thinner than the least width joins the neighbour it is tied to most. Twice the width is asked of
 /// one with smooth neighbours: a facet between ridges may be narrow.
-void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Parameters& parameters, RegionScratch& scratch,
+void merge_slivers(const RegionStencils& s, std::span<const Vec4f> x, const Parameters& parameters, RegionScratch& scratch,
                    RegionMap& map) {
   std::vector<std::uint32_t>& label = map.region;
   const std::uint32_t count = map.region_count;
@@ -387,8 +388,8 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Para
     parts[r].beside.clear();
   }
   for (std::size_t f = 0; f < label.size(); ++f) {
-    parts[label[f]].area_m2 += static_cast<double>(map.faces.areas_m2[f]);
-    parts[label[f]].coarse_m3 += static_cast<double>(map.faces.areas_m2[f]) * 0.5 * s.edge_length_m[f];
+    parts[label[f]].area_m2 += static_cast<double>(map.areas_m2[f]);
+    parts[label[f]].coarse_m3 += static_cast<double>(map.areas_m2[f]) * 0.5 * s.edge_length_m[f];
   }
   for (const auto& e : s.topology->border_edges()) {
     parts[label[e.triangle]].perimeter_m += static_cast<double>((x[e.end] - x[e.start]).norm());
@@ -474,7 +475,7 @@ void merge_slivers(const RegionStencils& s, std::span<const Vec3f> x, const Para
 
 /// Where along the border one smooth region ends and the next begins, within the edges on either side: between the signs of
 /// an S where the curvature is zero, between flat and curved where it is half its level nearby.
-void shift_border_ends(const RegionStencils& s, std::span<const Vec3f> x, RegionScratch& scratch, RegionMap& map) {
+void shift_border_ends(const RegionStencils& s, std::span<const Vec4f> x, RegionScratch& scratch, RegionMap& map) {
   map.border_shifts.clear();
   if (map.region_count < 2) return;
   const auto borders = s.topology->border_edges();
@@ -503,11 +504,11 @@ void shift_border_ends(const RegionStencils& s, std::span<const Vec3f> x, Region
   }
 }
 
-void measure_regions(const RegionStencils& s, std::span<const Vec3f> x, RegionMap& map) {
+void measure_regions(const RegionStencils& s, std::span<const Vec4f> x, RegionMap& map) {
   map.region_area_m2.assign(map.region_count, 0.0);
   map.region_perimeter_m.assign(map.region_count, 0.0);
   for (std::size_t f = 0; f < map.region.size(); ++f) {
-    map.region_area_m2[map.region[f]] += static_cast<double>(map.faces.areas_m2[f]);
+    map.region_area_m2[map.region[f]] += static_cast<double>(map.areas_m2[f]);
   }
   const auto add = [&](std::uint32_t region, const auto& e) {
     map.region_perimeter_m[region] += static_cast<double>((x[e.end] - x[e.start]).norm());
@@ -528,7 +529,7 @@ Vec2d ruling_direction(const RegionMap& map, std::size_t triangle) {
   return {cosine, twice.y() < 0 ? -sine : sine};
 }
 
-Vec3f ruling_in_space(const RegionStencils& s, const RegionMap& map, std::span<const Vec3f> x, std::size_t triangle) {
+Vec3f ruling_in_space(const RegionStencils& s, const RegionMap& map, std::span<const Vec4f> x, std::size_t triangle) {
   const sheet::Triangle& v = s.topology->triangles()[triangle];
   const auto& r = s.plane.coordinates_m;
   const Vec2d a = r[v[1]] - r[v[0]], b = r[v[2]] - r[v[0]], d = ruling_direction(map, triangle);
@@ -536,14 +537,14 @@ Vec3f ruling_in_space(const RegionStencils& s, const RegionMap& map, std::span<c
   if (std::fabs(det) < 1e-16) return Vec3f::UnitX();
   const auto along_a = static_cast<float>((d.x() * b.y() - d.y() * b.x()) / det);
   const auto along_b = static_cast<float>((a.x() * d.y() - a.y() * d.x()) / det);
-  const Vec3f out = along_a * (x[v[1]] - x[v[0]]) + along_b * (x[v[2]] - x[v[0]]);
+  const Vec3f out = (along_a * (x[v[1]] - x[v[0]]) + along_b * (x[v[2]] - x[v[0]])).head<3>();
   const float length = out.norm();
   return length > 0 ? Vec3f(out / length) : Vec3f::UnitX();
 }
 
 void segment(const RegionStencils& s, const RegionFrame& frame, double time_s, const Parameters& parameters,
              RegionState* state, RegionScratch& scratch, RegionMap& map) {
-  const std::span<const Vec3f> x = frame.positions_m;
+  const std::span<const Vec4f> x = frame.positions_m;
   find_bending(s, frame, parameters, scratch, map);
   const std::size_t count = map.ridge.size();
   const bool known = state != nullptr && state->topology == s.topology && state->curved.size() == count &&
@@ -555,7 +556,7 @@ void segment(const RegionStencils& s, const RegionFrame& frame, double time_s, c
   merge_slivers(s, x, parameters, scratch, map);
   scratch.curved_area_m2.assign(map.region_count, 0.0);
   for (std::size_t f = 0; f < count; ++f) {
-    scratch.curved_area_m2[map.region[f]] += curved[f] ? static_cast<double>(map.faces.areas_m2[f]) : 0.0;
+    scratch.curved_area_m2[map.region[f]] += curved[f] ? static_cast<double>(map.areas_m2[f]) : 0.0;
   }
   map.region_curved.resize(map.region_count);
   for (std::size_t r = 0; r < map.region_count; ++r) {

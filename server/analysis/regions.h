@@ -79,14 +79,14 @@ struct RegionMap {
     std::uint32_t edge;
   };
   std::vector<BorderShift> border_shifts;
-  sheet::FaceGeometry faces;  ///< [T]
+  std::vector<float> areas_m2;  ///< [T] of the triangles
 };
 
 /// Direction of a triangle's rulings in the rest plane, unit length.
 [[nodiscard]] sheet::Vec2d ruling_direction(const RegionMap& map, std::size_t triangle);
 /// And in space. \pre positions_m: those that the map was made of
 [[nodiscard]] sheet::Vec3f ruling_in_space(const RegionStencils& stencils, const RegionMap& map,
-                                           std::span<const sheet::Vec3f> positions_m, std::size_t triangle);
+                                           std::span<const sheet::Vec4f> positions_m, std::size_t triangle);
 
 /// Flat or curved, as the triangles were last time; shared hysteresis of the frames of one topology.
 struct RegionState {
@@ -97,7 +97,7 @@ struct RegionState {
 
 /// One frame of the mesh of the partition.
 struct RegionFrame {
-  std::span<const sheet::Vec3f> positions_m;  ///< [V] near the origin
+  std::span<const sheet::Vec4f> positions_m;  ///< [V] near the origin
   std::span<const float> angles_rad;          ///< [E] dihedral, if they are known already; else empty
   std::span<const Moment> moments = {};       ///< [N] of these angles at the stencils' nodes, likewise
 };

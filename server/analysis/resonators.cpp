@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "server/sheet/simd.h"
+#include "server/sheet/vector_batch.h"
 
 namespace rustle::analysis {
 namespace {
@@ -33,36 +34,37 @@ class Sequence {
   std::uint64_t state_ = 1;
 };
 
-constexpr std::size_t kLanes = 16, kBatch = 128;
+constexpr std::size_t kLanes = 16;
 using Lanes = float[kLanes];
 
-/// A batch of triangles: areas, centroids, normals, lengths of edges, curvatures.
-struct Batch {
-  float area[kBatch], x[kBatch], y[kBatch], z[kBatch], nx[kBatch], ny[kBatch], nz[kBatch], edge_m[kBatch],
-      curvature_per_m[kBatch];
+/// A batch of triangles: their first corners, and the sides from there to the other two.
+struct TriangleBatch {
+  sheet::VectorBatch corner_m, side_b_m, side_c_m;
 };
 
-/// Sums over triangles weighted by area, in lanes: 1; c; c cᵀ; n; n nᵀ; e; e |κ|.
+/// Sums over triangles weighted by area, in lanes: 1; c; c cᵀ; n; n nᵀ, with c the centroid and n the normal.
 struct Sums {
-  Lanes area, cx, cy, cz, cxx, cxy, cxz, cyy, cyz, czz, nx, ny, nz, nxx, nxy, nxz, nyy, nyz, nzz, edge, bend;
+  Lanes area, cx, cy, cz, cxx, cxy, cxz, cyy, cyz, czz, nx, ny, nz, nxx, nxy, nxz, nyy, nyz, nzz;
 };
 
-RUSTLE_SIMD void add(const Batch& b, Sums& s) {
-  for (std::size_t first = 0; first < kBatch; first += kLanes) {
+/// N = b x c, A = |N|/2, n = N/|N|. Triangles without area add nothing.
+RUSTLE_SIMD void add(const TriangleBatch& batch, Sums& s) {
+  for (std::size_t first = 0; first < sheet::kBatch; first += kLanes) {
     for (std::size_t i = 0; i < kLanes; ++i) {
-      const std::size_t k = first + i;
-      const float a = b.area[k], x = a * b.x[k], y = a * b.y[k], z = a * b.z[k], u = a * b.nx[k], v = a * b.ny[k],
-                  w = a * b.nz[k];
-      s.area[i] += a;
-      s.cx[i] += x, s.cy[i] += y, s.cz[i] += z;
-      s.cxx[i] += x * b.x[k], s.cxy[i] += x * b.y[k], s.cxz[i] += x * b.z[k];
-      s.cyy[i] += y * b.y[k], s.cyz[i] += y * b.z[k], s.czz[i] += z * b.z[k];
-      s.nx[i] += u, s.ny[i] += v, s.nz[i] += w;
-      s.nxx[i] += u * b.nx[k], s.nxy[i] += u * b.ny[k], s.nxz[i] += u * b.nz[k];
-      const float length = a * b.edge_m[k];
-      s.edge[i] += length;
-      s.bend[i] += length * std::fabs(b.curvature_per_m[k]);
-      s.nyy[i] += v * b.ny[k], s.nyz[i] += v * b.nz[k], s.nzz[i] += w * b.nz[k];
+      const auto &p = batch.corner_m.at[first + i], &b = batch.side_b_m.at[first + i], &c = batch.side_c_m.at[first + i];
+      const float bx = b[0], by = b[1], bz = b[2], cx = c[0], cy = c[1], cz = c[2], third = 1.0f / 3;
+      const float x = p[0] + third * (bx + cx), y = p[1] + third * (by + cy), z = p[2] + third * (bz + cz);
+      const float u = by * cz - bz * cy, v = bz * cx - bx * cz, w = bx * cy - by * cx;
+      const float length = std::sqrt(u * u + v * v + w * w), area = 0.5f * length;
+      const float ax = area * x, ay = area * y, az = area * z, half_per_length = length > 0 ? 0.5f / length : 0.0f;
+      const float mx = half_per_length * u, my = half_per_length * v, mz = half_per_length * w;  // A n nᵀ = m Nᵀ
+      s.area[i] += area;
+      s.cx[i] += ax, s.cy[i] += ay, s.cz[i] += az;
+      s.cxx[i] += ax * x, s.cxy[i] += ax * y, s.cxz[i] += ax * z;
+      s.cyy[i] += ay * y, s.cyz[i] += ay * z, s.czz[i] += az * z;
+      s.nx[i] += 0.5f * u, s.ny[i] += 0.5f * v, s.nz[i] += 0.5f * w;
+      s.nxx[i] += mx * u, s.nxy[i] += mx * v, s.nxz[i] += mx * w;
+      s.nyy[i] += my * v, s.nyz[i] += my * w, s.nzz[i] += mz * w;
     }
   }
 }
@@ -91,9 +93,10 @@ void ResonatorFinder::turn_to(const Partition& partition, bool same_map) {
   sent_ = partition.sent;
   if (!same_map) {
     indexed_ = false;
-    rulings_m_.assign(map_->region_count, -1.0);
+    lasting_.assign(map_->region_count, Lasting());
   }
   for (Reach& reach : reach_) reach.known = false;
+  borders_known_ = false;
   is_measured_.assign(map_->region_count, 0);
   measured_.resize(map_->region_count);
 }
@@ -152,39 +155,68 @@ const Resonator& ResonatorFinder::region(std::uint32_t label) {
   return measured_[label];
 }
 
+/// Of every region: border edges by how curved they are, but for those that something holds.
+void ResonatorFinder::measure_borders() {
+  if (borders_known_) return;
+  borders_known_ = true;
+  free_border_m_.assign(map_->region_count, 0.0);
+  const auto borders = stencils_->topology->border_edges();
+  const auto held = [&](std::uint32_t v) { return holds_->anchored[v] || holds_->touching[v]; };
+  // An edge that rises from what is held is free but for its end.
+  const auto is_free = [&](std::size_t k) { return !(held(borders[k].start) && held(borders[k].end)); };
+  for (std::size_t k = 0; k < borders.size(); ++k) {
+    const auto& e = borders[k];
+    if (map_->free_border[k] == 0 || !is_free(k)) continue;
+    free_border_m_[map_->region[e.triangle]] +=
+        static_cast<double>((positions_m_[e.end] - positions_m_[e.start]).norm() * map_->free_border[k]);
+  }
+  for (const auto& shift : map_->border_shifts) {
+    if (!is_free(shift.edge)) continue;
+    const auto length_m = static_cast<double>(shift.length_m * map_->free_border[shift.edge]);
+    free_border_m_[shift.to] += length_m;
+    free_border_m_[shift.from] -= length_m;
+  }
+}
+
+/// What stays while the partition does.
+ResonatorFinder::Lasting ResonatorFinder::measure_lasting(std::uint32_t label) {
+  double area_m2 = 0, edge_m3 = 0, bend_m2 = 0;
+  for (const std::uint32_t f : triangles_of(label)) {
+    const double area = map_->areas_m2[f], length = area * stencils_->edge_length_m[f];
+    area_m2 += area;
+    edge_m3 += length;
+    bend_m2 += length * std::fabs(static_cast<double>(map_->curvature_per_m[f]));
+  }
+  const bool narrow = 2 * area_m2 * area_m2 < kNarrowRegionEdges * edge_m3 * map_->region_perimeter_m[label];
+  return {true, stencils_->graded || bend_m2 > kTightBend * area_m2 || narrow,
+          map_->region_curved[label] ? ruling_length_m(label) : 0.0};
+}
+
 Resonator ResonatorFinder::measure(std::uint32_t label) {
   Resonator out;
-  const auto& topology = *stencils_->topology;
+  const auto corners = stencils_->topology->triangles();
   const auto triangles = triangles_of(label);
   if (triangles.empty()) return out;
   Sums sums{};
-  Batch batch;
-  for (std::size_t first = 0; first < triangles.size(); first += kBatch) {
-    const std::size_t count = std::min(kBatch, triangles.size() - first);
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::uint32_t f = triangles[first + i];
-      const sheet::Triangle& v = topology.triangles()[f];
-      const Vec3f centroid = (positions_m_[v[0]] + positions_m_[v[1]] + positions_m_[v[2]]) / 3.0f;
-      const Vec3f& normal = map_->faces.normals[f];
-      const float area = map_->faces.areas_m2[f];
-      batch.area[i] = area;
-      batch.x[i] = centroid.x(), batch.y[i] = centroid.y(), batch.z[i] = centroid.z();
-      batch.nx[i] = normal.x(), batch.ny[i] = normal.y(), batch.nz[i] = normal.z();
-      batch.edge_m[i] = static_cast<float>(stencils_->edge_length_m[f]);
-      batch.curvature_per_m[i] = map_->curvature_per_m[f];
-    }
-    for (std::size_t i = count; i < kBatch; ++i) {
-      batch.area[i] = batch.x[i] = batch.y[i] = batch.z[i] = batch.nx[i] = batch.ny[i] = batch.nz[i] = 0;
-      batch.edge_m[i] = batch.curvature_per_m[i] = 0;
-    }
-    add(batch, sums);
-  }
-  const double bend = total(sums.bend), edge = total(sums.edge);
+  TriangleBatch batch;
+  sheet::in_batches(
+      triangles.size(),
+      [&](std::size_t k, std::size_t i) {
+        const sheet::Triangle& v = corners[triangles[k]];
+        const sheet::Vec4f& corner_m = positions_m_[v[0]];
+        batch.corner_m.put(i, corner_m);
+        batch.side_b_m.put(i, positions_m_[v[1]] - corner_m);
+        batch.side_c_m.put(i, positions_m_[v[2]] - corner_m);
+      },
+      [&](std::size_t, std::size_t here) {
+        for (std::size_t i = here; i < sheet::kBatch; ++i) batch.side_b_m.put(i, sheet::Vec4f::Zero());
+        add(batch, sums);
+      });
   out.area_m2 = total(sums.area);
   const double area = std::max(out.area_m2, 1e-30);
   const Vec3d first(total(sums.cx), total(sums.cy), total(sums.cz)), normal(total(sums.nx), total(sums.ny), total(sums.nz));
   const Vec3d mean =
-      out.area_m2 > 0 ? Vec3d(first / area) : Vec3d(positions_m_[topology.triangles()[triangles[0]][0]].cast<double>());
+      out.area_m2 > 0 ? Vec3d(first / area) : Vec3d(positions_m_[corners[triangles[0]][0]].head<3>().cast<double>());
   out.position_m = origin_m_ + mean;
   if (normal.norm() > 1e-12 * area) out.normal = normal.normalized();
   const Eigen::Matrix3d normals = symmetric(sums.nxx, sums.nxy, sums.nxz, sums.nyy, sums.nyz, sums.nzz) / area;
@@ -197,30 +229,14 @@ Resonator ResonatorFinder::measure(std::uint32_t label) {
   }
   out.disc_radius_m = std::sqrt(out.area_m2 / std::numbers::pi);
 
+  Lasting& lasting = lasting_[label];
+  if (!lasting.known) lasting = measure_lasting(label);
+  measure_borders();
   const bool curved = map_->region_curved[label];
-  const auto borders = topology.border_edges();
-  const auto is_free = [&](std::size_t k) {
-    // An edge that rises from what is held is free but for its end.
-    const auto held = [&](std::uint32_t v) { return holds_->anchored[v] || holds_->touching[v]; };
-    return !(held(borders[k].start) && held(borders[k].end));
-  };
-  for (std::size_t k = 0; curved && k < borders.size(); ++k) {
-    const auto& e = borders[k];
-    if (map_->region[e.triangle] != label || map_->free_border[k] == 0 || !is_free(k)) continue;
-    out.free_border_length_m +=
-        static_cast<double>((positions_m_[e.end] - positions_m_[e.start]).norm() * map_->free_border[k]);
-  }
-  for (const auto& shift : map_->border_shifts) {
-    if (!curved || !is_free(shift.edge)) continue;
-    const auto length = static_cast<double>(shift.length_m * map_->free_border[shift.edge]);
-    if (shift.to == label) out.free_border_length_m += length;
-    if (shift.from == label) out.free_border_length_m -= length;
-  }
-  if (curved && rulings_m_[label] < 0) rulings_m_[label] = ruling_length_m(label);
-  if (curved) out.ruling_length_m = rulings_m_[label];
+  if (curved) out.free_border_length_m = free_border_m_[label];
+  out.ruling_length_m = lasting.ruling_m;
   out.constrained = !curved || out.free_border_length_m < parameters_.free_border_min_m || !(out.ruling_length_m > 0);
-  out.coarse = stencils_->graded || bend > kTightBend * area ||
-               2 * area * area < kNarrowRegionEdges * edge * map_->region_perimeter_m[label];
+  out.coarse = lasting.coarse;
   return out;
 }
 
@@ -237,10 +253,10 @@ double ResonatorFinder::ruling_length_m(std::uint32_t label) {
   Vec2d twice = Vec2d::Zero();
   double area = 0, curvature = 0;
   for (const std::uint32_t f : triangles) {
-    const float weight = map_->faces.areas_m2[f] * std::fabs(map_->curvature_per_m[f]);
+    const float weight = map_->areas_m2[f] * std::fabs(map_->curvature_per_m[f]);
     twice += (weight * map_->ruling_twice[f]).cast<double>();
     curvature += static_cast<double>(weight);
-    area += static_cast<double>(map_->faces.areas_m2[f]);
+    area += static_cast<double>(map_->areas_m2[f]);
   }
   if (!(curvature > 0)) return 0;
   const double mean_curvature_per_m = curvature / area;
@@ -255,10 +271,10 @@ double ResonatorFinder::ruling_length_m(std::uint32_t label) {
   std::size_t current = 0;
   for (std::size_t i = 0; i < samples; ++i) {
     const double target_m2 = (static_cast<double>(i) + random.next()) * part_m2;
-    double here_m2 = static_cast<double>(map_->faces.areas_m2[triangles[current]]);
+    double here_m2 = static_cast<double>(map_->areas_m2[triangles[current]]);
     while (current + 1 < triangles.size() && before_m2 + here_m2 < target_m2) {
       before_m2 += here_m2;
-      here_m2 = static_cast<double>(map_->faces.areas_m2[triangles[++current]]);
+      here_m2 = static_cast<double>(map_->areas_m2[triangles[++current]]);
     }
     const std::uint32_t f = triangles[current];
     auto u = static_cast<float>(random.next()), v = static_cast<float>(random.next());

@@ -23,7 +23,7 @@ struct Holds {
 struct Partition {
   const RegionStencils& stencils;
   const RegionMap& map;
-  std::span<const sheet::Vec3f> positions_m;  ///< [V] relative to the origin
+  std::span<const sheet::Vec4f> positions_m;  ///< [V] relative to the origin
   sheet::Vec3d origin_m;
   const Holds& holds;
   const sheet::SentPartition* sent =
@@ -55,8 +55,16 @@ class ResonatorFinder {
     bool known = false;
     sheet::DisjointSets sets{0};
   };
+  /// Of a region.
+  struct Lasting {
+    bool known = false;
+    bool coarse = false;
+    double ruling_m = 0;  ///< l_r
+  };
   std::span<const std::uint32_t> triangles_of(std::uint32_t label) const;
   void index_regions();
+  void measure_borders();
+  Lasting measure_lasting(std::uint32_t label);
   void join_reachable(StopAt stop, sheet::DisjointSets& sets) const;
   observation::Resonator measure(std::uint32_t label);
   double ruling_length_m(std::uint32_t label);
@@ -64,7 +72,7 @@ class ResonatorFinder {
   Parameters parameters_;
   const RegionStencils* stencils_ = nullptr;
   const RegionMap* map_ = nullptr;
-  std::span<const sheet::Vec3f> positions_m_;
+  std::span<const sheet::Vec4f> positions_m_;
   sheet::Vec3d origin_m_ = sheet::Vec3d::Zero();
   const Holds* holds_ = nullptr;
   const sheet::SentPartition* sent_ = nullptr;
@@ -73,7 +81,9 @@ class ResonatorFinder {
   std::vector<std::uint32_t> region_start_, region_triangles_;  ///< triangles by region
   std::array<Reach, 2> reach_;
   std::vector<observation::Resonator> measured_;  ///< [R]
-  std::vector<double> rulings_m_;                 ///< [R] l_r, < 0: not known yet
+  std::vector<Lasting> lasting_;                  ///< [R]
+  bool borders_known_ = false;
+  std::vector<double> free_border_m_;  ///< [R]
   std::vector<std::uint8_t> is_measured_, sounding_;
   std::vector<std::uint32_t> next_;
   Outlines outlines_;

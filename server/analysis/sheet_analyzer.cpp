@@ -18,6 +18,7 @@ using observation::Observation;
 using observation::Resonator;
 using sheet::Vec3d;
 using sheet::Vec3f;
+using sheet::Vec4f;
 
 constexpr int kUnidentifiedFrames = 3;  // in a row: a single cut or repair is no matter
 constexpr double kLongestUnit_s = 1.0;  // a crumpling unit sounds no longer after its event
@@ -52,13 +53,15 @@ bool usable(const sheet::SentPartition& partition, const sheet::Topology& topolo
   return partition.triangle_regions.size() == topology.triangle_count() && topology.triangle_count() > 0;
 }
 
-std::uint32_t nearest_triangle(const RegionStencils& stencils, const std::vector<Vec3f>& positions_m, const Vec3f& point_m) {
+std::uint32_t nearest_triangle(const RegionStencils& stencils, std::span<const Vec4f> positions_m, const Vec3d& point_m) {
   std::uint32_t best = sheet::kNone;
   float best_distance = std::numeric_limits<float>::infinity();
+  const Vec3f near = point_m.cast<float>();
+  const Vec4f point(near.x(), near.y(), near.z(), 0);
   const auto triangles = stencils.topology->triangles();
   for (std::uint32_t f = 0; f < triangles.size(); ++f) {
     const sheet::Triangle& v = triangles[f];
-    const float distance = ((positions_m[v[0]] + positions_m[v[1]] + positions_m[v[2]]) / 3.0f - point_m).squaredNorm();
+    const float distance = ((positions_m[v[0]] + positions_m[v[1]] + positions_m[v[2]]) / 3.0f - point).squaredNorm();
     if (distance < best_distance) best = f, best_distance = distance;
   }
   return best;
@@ -230,19 +233,17 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
   if (!mesh) mesh = region_mesh(state_.curvature->topology, state_.curvature->plane, parameters_, sent == nullptr);
   const RegionStencils& stencils = mesh->stencils;
   Scratch& scratch = scratch_;
-  mesh->gather_positions_m(scratch.relative_m, scratch.positions_m);
-  RegionFrame here{scratch.positions_m, {}};
-  if (!mesh->proxy) {
+  const std::span<const Vec4f> positions_m = mesh->positions_m(scratch.relative_m, scratch.positions_m);
+  RegionFrame here{positions_m, {}};
+  if (!mesh->proxy && state_.curvature->in_edge_order) {
     here.angles_rad = scratch.angles_rad;
     if (stencils.nodes.of_vertex == state_.curvature->nodes.of_vertex) here.moments = state_.crumpling.now.moments;
   }
   const bool same_map = sent == nullptr && partition_serves(frame.time_s);
-  if (same_map) {
-    sheet::face_geometry(*stencils.topology, scratch.positions_m, scratch.map.faces);
-  } else if (sent != nullptr) {
+  if (sent != nullptr) {
     adopt_partition(*sent, stencils, here, parameters_, scratch.regions, scratch.map);
     state_.partition_moments.clear();
-  } else {
+  } else if (!same_map) {
     state_.partition_moments = state_.crumpling.now.moments;
     state_.partition_s = frame.time_s;
     segment(stencils, here, frame.time_s, parameters_, &state_.region_history, scratch.regions, scratch.map);
@@ -256,7 +257,7 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
     return std::span<const std::uint32_t>(scratch.vertices);
   };
   for (const auto& contact : observation.friction) mesh->mark(vertices_of(contact), scratch.holds.touching);
-  finder_.turn_to({stencils, scratch.map, scratch.positions_m, origin_m, scratch.holds, sent}, same_map);
+  finder_.turn_to({stencils, scratch.map, positions_m, origin_m, scratch.holds, sent}, same_map);
 
   // What flips passes through flat; it sounds as what it was when it was bent most.
   bool has_bent = false;
@@ -267,10 +268,9 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
     if (sent == nullptr && !state_.bent.empty() && std::all_of(event.resonators.begin(), event.resonators.end(), is_flat)) {
       if (!has_bent) {
         has_bent = true;
-        mesh->gather_positions_m(state_.bent.front().relative_m, scratch.bent_positions_m);
-        segment(stencils, {scratch.bent_positions_m, {}}, frame.time_s, parameters_, nullptr, scratch.regions,
-                scratch.bent_map);
-        bent_finder_.turn_to({stencils, scratch.bent_map, scratch.bent_positions_m, origin_m, scratch.holds, nullptr});
+        const auto bent_m = mesh->positions_m(state_.bent.front().relative_m, scratch.bent_positions_m);
+        segment(stencils, {bent_m, {}}, frame.time_s, parameters_, nullptr, scratch.regions, scratch.bent_map);
+        bent_finder_.turn_to({stencils, scratch.bent_map, bent_m, origin_m, scratch.holds, nullptr});
       }
       event.resonators = bent_finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndHolds);
     }
@@ -284,8 +284,7 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
     if (contact.resonators.empty()) contact.resonators.push_back(constrained_at(contact.position_m, contact.area_m2));
   }
   for (auto& tear : observation.tears) {
-    const std::uint32_t triangle =
-        nearest_triangle(stencils, scratch.positions_m, (tear.position_m - origin_m).cast<float>());
+    const std::uint32_t triangle = nearest_triangle(stencils, positions_m, tear.position_m - origin_m);
     if (triangle != sheet::kNone) {
       tear.resonators = finder_.reached_from(std::span(&triangle, 1), ResonatorFinder::StopAt::kRidgesAndHolds);
     }
@@ -344,13 +343,13 @@ RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& p
                               std::span<const observation::FrictionContact> contacts) {
   RegionPicture out;
   const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
-  std::vector<Vec3f> relative_m, positions_m;
+  std::vector<Vec4f> relative_m, gathered_m;
   sheet::relative_positions_m(frame.positions_m, origin_m, relative_m);
   const sheet::SentPartition* sent =
       frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
   const RegionMesh mesh =
-      region_mesh(frame.topology, sheet::rest_plane(*frame.topology, relative_m), parameters, sent == nullptr);
-  mesh.gather_positions_m(relative_m, positions_m);
+      region_mesh(frame.topology, sheet::rest_plane(*frame.topology, frame.positions_m), parameters, sent == nullptr);
+  const std::span<const Vec4f> positions_m = mesh.positions_m(relative_m, gathered_m);
   RegionScratch scratch;
   if (sent != nullptr) {
     adopt_partition(*sent, mesh.stencils, {positions_m, {}}, parameters, scratch, out.map);
@@ -358,7 +357,7 @@ RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& p
     segment(mesh.stencils, {positions_m, {}}, frame.time_s, parameters, nullptr, scratch, out.map);
   }
   out.topology = mesh.stencils.topology;
-  mesh.gather_positions_m(frame.positions_m, out.positions_m);
+  for (const Vec4f& p : positions_m) out.positions_m.push_back((origin_m + p.head<3>().cast<double>()).cast<float>());
   for (std::size_t f = 0; f < out.map.region.size(); ++f) {
     out.rulings.push_back(ruling_in_space(mesh.stencils, out.map, positions_m, f));
   }

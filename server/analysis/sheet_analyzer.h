@@ -52,7 +52,7 @@ class SheetAnalyzer {
   struct BentShape {
     double time_s;
     double bending_per_m;                  ///< mean |H|
-    std::vector<sheet::Vec3f> relative_m;  ///< [V]
+    std::vector<sheet::Vec4f> relative_m;  ///< [V]
   };
   struct State {
     std::optional<CurvatureStencils> curvature;
@@ -75,15 +75,15 @@ class SheetAnalyzer {
   };
   /// Kept so that a warm frame allocates nothing.
   struct Scratch {
-    std::vector<sheet::Vec3f> relative_m;  ///< [V] of the frame
+    std::vector<sheet::Vec4f> relative_m;  ///< [V] of the frame
     std::vector<float> angles_rad;         ///< [E]
     RegionScratch regions;
-    std::vector<sheet::Vec3f> positions_m, bent_positions_m;  ///< on the region mesh
+    std::vector<sheet::Vec4f> positions_m, bent_positions_m;  ///< gathered for a coarse region mesh
     RegionMap map, bent_map;
     Holds holds;
     std::vector<std::uint8_t> marks;
     std::vector<std::uint32_t> vertices, triangles;
-    std::vector<std::vector<sheet::Vec3f>> spare_m;
+    std::vector<std::vector<sheet::Vec4f>> spare_m;
   };
 
   void forget();

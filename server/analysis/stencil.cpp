@@ -4,9 +4,13 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <numeric>
 #include <tuple>
+#include <type_traits>
+#include <utility>
 
 #include "server/sheet/point_grid.h"
+#include "server/sheet/simd.h"
 
 namespace rustle::analysis {
 
@@ -67,6 +71,32 @@ Stencil kernel(const PlanePoints& targets, std::span<const double> radii_m, cons
     out.start[i + 1] = static_cast<std::uint32_t>(out.entries.size());
   }
   return out;
+}
+
+std::vector<std::uint32_t> sort_rows(Stencil& rows, std::span<const std::uint32_t> place_of_target) {
+  constexpr std::ptrdiff_t kBlock = 512;
+  std::vector<std::uint32_t> targets(rows.rows());
+  std::iota(targets.begin(), targets.end(), 0u);
+  std::sort(targets.begin(), targets.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return std::pair(place_of_target[a], a) < std::pair(place_of_target[b], b);
+  });
+  for (auto first = targets.begin(); first != targets.end();) {
+    const auto last = first + std::min(kBlock, targets.end() - first);
+    std::sort(first, last, [&](std::uint32_t a, std::uint32_t b) {
+      return std::pair(rows.row(a).size(), a) < std::pair(rows.row(b).size(), b);
+    });
+    first = last;
+  }
+  Stencil sorted;
+  sorted.start.push_back(0);
+  sorted.entries.reserve(rows.entries.size());
+  for (const std::uint32_t i : targets) {
+    const auto row = rows.row(i);
+    sorted.entries.insert(sorted.entries.end(), row.begin(), row.end());
+    sorted.start.push_back(static_cast<std::uint32_t>(sorted.entries.size()));
+  }
+  rows = std::move(sorted);
+  return targets;
 }
 
 HingeBasis hinge_basis(const sheet::Topology& topology, const sheet::RestPlane& plane) {
@@ -133,15 +163,46 @@ MomentNodes moment_nodes(const sheet::RestPlane& plane, const HingeBasis& basis,
   return out;
 }
 
+void sort_by_node(MomentNodes& nodes, std::vector<sheet::Hinge>& hinges) {
+  std::vector<std::uint32_t> order(hinges.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return std::tie(nodes.ends[a], a) < std::tie(nodes.ends[b], b); });
+  const auto sorted = [&](auto& values) {
+    std::remove_reference_t<decltype(values)> out;
+    out.reserve(order.size());
+    for (const std::uint32_t k : order) out.push_back(values[k]);
+    values = std::move(out);
+  };
+  sorted(hinges), sorted(nodes.factor), sorted(nodes.ends);
+  nodes.hinge_normal.clear();
+}
+
+namespace {
+
+/// Hinges one after another often meet at a node: from several places at once, no sum waits for the one before.
+RUSTLE_SIMD void add_moments(const std::array<std::uint32_t, 2>* ends, const Moment* factor, const float* angles_rad,
+                             std::size_t count, Moment* out) {
+  const auto add = [&](std::size_t k) {
+    const float angle = angles_rad[k];
+    const Moment told = factor[k] * Moment(angle, angle, angle, std::fabs(angle));
+    out[ends[k][0]] += told;
+    out[ends[k][1]] += told;
+  };
+  constexpr std::size_t kPlaces = 4;
+  const std::size_t part = count / kPlaces;
+  for (std::size_t k = 0; k < part; ++k) {
+    for (std::size_t place = 0; place < kPlaces; ++place) add(place * part + k);
+  }
+  for (std::size_t k = kPlaces * part; k < count; ++k) add(k);
+}
+
+}  // namespace
+
 void gather_moments(const MomentNodes& nodes, std::span<const float> angles_rad, std::vector<Moment>& out) {
   assert(angles_rad.size() == nodes.factor.size());
   out.assign(nodes.points.at_m.size(), Moment::Zero());
-  for (std::size_t k = 0; k < angles_rad.size(); ++k) {
-    const float angle = angles_rad[k];
-    const Moment told = nodes.factor[k] * Moment(angle, angle, angle, std::fabs(angle));
-    out[nodes.ends[k][0]] += told;
-    out[nodes.ends[k][1]] += told;
-  }
+  add_moments(nodes.ends.data(), nodes.factor.data(), angles_rad.data(), angles_rad.size(), out.data());
 }
 
 Eigen::Matrix3d normal_matrix_of(std::span<const Stencil::Entry> row, const std::vector<Eigen::Matrix3d>& normal_matrices) {

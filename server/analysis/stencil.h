@@ -27,6 +27,11 @@ struct Stencil {
   }
 };
 
+/// Puts the rows in order of the places of their targets, and within blocks of 512 in order of length: what is near in space
+/// is then near in memory, and the ends of loops over the rows are foreseen. Returns the target of each.
+/// \pre place_of_target.size() == rows.rows()
+[[nodiscard]] std::vector<std::uint32_t> sort_rows(Stencil& rows, std::span<const std::uint32_t> place_of_target);
+
 /// Points of the rest plane with the piece of the sheet each belongs to: pieces may overlap there and do not see each other.
 struct PlanePoints {
   std::vector<sheet::Vec2d> at_m;
@@ -67,6 +72,10 @@ struct MomentNodes {
   std::vector<double> area_m2;                     ///< [N] hinge areas
 };
 [[nodiscard]] MomentNodes moment_nodes(const sheet::RestPlane& plane, const HingeBasis& basis, double cell_m);
+
+/// Puts the hinges in order of their nodes: on a fine mesh what is near in space then is near in memory. Leaves hinge_normal
+/// empty.
+void sort_by_node(MomentNodes& nodes, std::vector<sheet::Hinge>& hinges);
 
 /// [N] moments of one frame. O(hinges). \pre angles_rad.size() == hinges
 void gather_moments(const MomentNodes& nodes, std::span<const float> angles_rad, std::vector<Moment>& out);

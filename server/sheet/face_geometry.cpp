@@ -5,13 +5,10 @@
 #include <cmath>
 
 #include "server/sheet/simd.h"
+#include "server/sheet/vector_batch.h"
 
 namespace rustle::sheet {
 namespace {
-
-constexpr std::size_t kLanes = 128;  // enough that what a batch gathers has left the store buffer when it is read
-using Lanes = float[kLanes];
-using Lanes3 = Lanes[3];
 
 // atan(x) = x p(x²) on [0, tan(π/8)], p fitted at Chebyshev nodes; relative error 2e-8.
 inline float atan_small(float x) {
@@ -24,73 +21,96 @@ inline float angle_of(float sine, float cosine) {
   const float s = std::fabs(sine), c = std::fabs(cosine);
   const float high = s > c ? s : c, low = s > c ? c : s;
   const bool steep = low > 0.41421356f * high;
-  const float up = steep ? low - high : low, down = (steep ? low + high : high) + 1e-38f;
+  const float up = low - (steep ? high : 0.0f), down = high + (steep ? low : 0.0f) + 1e-38f;
   float a = atan_small(up / down) + (steep ? 0.785398163f : 0.0f);
   a = s > c ? 1.57079633f - a : a;
   a = cosine < 0 ? 3.14159265f - a : a;
   return sine < 0 ? -a : a;
 }
 
-inline void put_difference(Lanes3& out, std::size_t lane, const Vec3f& from, const Vec3f& to) {
-  for (int d = 0; d < 3; ++d) out[d][lane] = to[d] - from[d];
-}
-
 /// e: along the edges, a and b: from their starts to the apices.
-RUSTLE_SIMD void angles_of(const Lanes3& e, const Lanes3& a, const Lanes3& b, Lanes& out) {
-  for (std::size_t i = 0; i < kLanes; ++i) {
+RUSTLE_SIMD void angles_of(const VectorBatch& e, const VectorBatch& a, const VectorBatch& b, float* out) {
+  for (std::size_t i = 0; i < kBatch; ++i) {
+    const float ex = e.at[i][0], ey = e.at[i][1], ez = e.at[i][2], ax = a.at[i][0], ay = a.at[i][1], az = a.at[i][2],
+                bx = b.at[i][0], by = b.at[i][1], bz = b.at[i][2];
     // N_l = e x a, N_r = b x e; (N_l x N_r)·e/|e| = -|e| (N_l·b): areas cancel in the ratio.
-    const float lx = e[1][i] * a[2][i] - e[2][i] * a[1][i], ly = e[2][i] * a[0][i] - e[0][i] * a[2][i],
-                lz = e[0][i] * a[1][i] - e[1][i] * a[0][i];
-    const float rx = b[1][i] * e[2][i] - b[2][i] * e[1][i], ry = b[2][i] * e[0][i] - b[0][i] * e[2][i],
-                rz = b[0][i] * e[1][i] - b[1][i] * e[0][i];
-    const float length = std::sqrt(e[0][i] * e[0][i] + e[1][i] * e[1][i] + e[2][i] * e[2][i]);
-    out[i] = angle_of(-length * (lx * b[0][i] + ly * b[1][i] + lz * b[2][i]), lx * rx + ly * ry + lz * rz);
+    const float lx = ey * az - ez * ay, ly = ez * ax - ex * az, lz = ex * ay - ey * ax;
+    const float rx = by * ez - bz * ey, ry = bz * ex - bx * ez, rz = bx * ey - by * ex;
+    const float length = std::sqrt(ex * ex + ey * ey + ez * ez);
+    out[i] = angle_of(-length * (lx * bx + ly * by + lz * bz), lx * rx + ly * ry + lz * rz);
   }
 }
 
 /// Of the triangles that a and b span.
-RUSTLE_SIMD void normals_of(const Lanes3& a, const Lanes3& b, Lanes3& normal, Lanes& area_m2) {
-  for (std::size_t i = 0; i < kLanes; ++i) {
-    const float x = a[1][i] * b[2][i] - a[2][i] * b[1][i], y = a[2][i] * b[0][i] - a[0][i] * b[2][i],
-                z = a[0][i] * b[1][i] - a[1][i] * b[0][i];
-    const float length = std::sqrt(x * x + y * y + z * z), scale = length > 0 ? 1 / length : 0.0f;
-    normal[0][i] = x * scale, normal[1][i] = y * scale, normal[2][i] = z * scale;
-    area_m2[i] = 0.5f * length;
+RUSTLE_SIMD void areas_of(const VectorBatch& a, const VectorBatch& b, float* out_m2) {
+  for (std::size_t i = 0; i < kBatch; ++i) {
+    const float ax = a.at[i][0], ay = a.at[i][1], az = a.at[i][2], bx = b.at[i][0], by = b.at[i][1], bz = b.at[i][2];
+    const float x = ay * bz - az * by, y = az * bx - ax * bz, z = ax * by - ay * bx;
+    out_m2[i] = 0.5f * std::sqrt(x * x + y * y + z * z);
   }
+}
+
+using Float4 = float __attribute__((vector_size(16), aligned(4), may_alias));
+using Double4 = double __attribute__((vector_size(32)));
+
+/// Sums of four positions in turn, added at the end. A load takes the first number of the next position along. \pre count >
+/// 0
+RUSTLE_SIMD Vec3d sum_of(const Vec3f* positions_m, std::size_t count) {
+  Double4 sums[4] = {};
+  std::size_t i = 0;
+  for (; i + 4 < count; i += 4) {
+    for (std::size_t k = 0; k < 4; ++k) {
+      sums[k] += __builtin_convertvector(reinterpret_cast<const Float4&>(positions_m[i + k]), Double4);
+    }
+  }
+  const Double4 sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+  Vec3d out(sum[0], sum[1], sum[2]);
+  for (; i < count; ++i) out += positions_m[i].cast<double>();
+  return out;
+}
+
+RUSTLE_SIMD void differences(const Vec3f* positions_m, std::size_t count, const Vec3d& origin_m, Vec4f* out_m) {
+  const Double4 origin = {origin_m.x(), origin_m.y(), origin_m.z(), 0};
+  for (std::size_t i = 0; i + 1 < count; ++i) {
+    const Double4 position = __builtin_convertvector(reinterpret_cast<const Float4&>(positions_m[i]), Double4);
+    Float4 difference = __builtin_convertvector(position - origin, Float4);
+    difference[3] = 0;
+    reinterpret_cast<Float4&>(out_m[i]) = difference;
+  }
+  if (count == 0) return;
+  const Vec3f last = (positions_m[count - 1].cast<double>() - origin_m).cast<float>();
+  out_m[count - 1] = {last.x(), last.y(), last.z(), 0.0f};
 }
 
 }  // namespace
 
 Vec3d mean_position_m(std::span<const Vec3f> positions_m) {
-  Vec3d sum = Vec3d::Zero();
-  for (const Vec3f& p : positions_m) sum += p.cast<double>();
-  return positions_m.empty() ? sum : Vec3d(sum / static_cast<double>(positions_m.size()));
+  if (positions_m.empty()) return Vec3d::Zero();
+  return sum_of(positions_m.data(), positions_m.size()) / static_cast<double>(positions_m.size());
 }
 
-void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origin_m, std::vector<Vec3f>& out_m) {
+void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origin_m, std::vector<Vec4f>& out_m) {
   out_m.resize(positions_m.size());
-  for (std::size_t i = 0; i < positions_m.size(); ++i) out_m[i] = (positions_m[i].cast<double>() - origin_m).cast<float>();
+  differences(positions_m.data(), positions_m.size(), origin_m, out_m.data());
 }
 
-void face_geometry(const Topology& topology, std::span<const Vec3f> positions_m, FaceGeometry& out) {
+void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::vector<float>& out_m2) {
   const auto triangles = topology.triangles();
-  out.normals.resize(triangles.size());
-  out.areas_m2.resize(triangles.size());
-  Lanes3 a{}, b{}, normal;
-  Lanes area_m2;
-  for (std::size_t first = 0; first < triangles.size(); first += kLanes) {
-    const std::size_t count = std::min(kLanes, triangles.size() - first);
-    for (std::size_t i = 0; i < count; ++i) {
-      const Triangle& v = triangles[first + i];
-      put_difference(a, i, positions_m[v[0]], positions_m[v[1]]);
-      put_difference(b, i, positions_m[v[0]], positions_m[v[2]]);
-    }
-    normals_of(a, b, normal, area_m2);
-    for (std::size_t i = 0; i < count; ++i) {
-      out.normals[first + i] = {normal[0][i], normal[1][i], normal[2][i]};
-      out.areas_m2[first + i] = area_m2[i];
-    }
-  }
+  out_m2.resize(triangles.size());
+  VectorBatch a, b;
+  float area_m2[kBatch];
+  in_batches(
+      triangles.size(),
+      [&](std::size_t f, std::size_t i) {
+        const Triangle& v = triangles[f];
+        const Vec4f& start = positions_m[v[0]];
+        a.put(i, positions_m[v[1]] - start);
+        b.put(i, positions_m[v[2]] - start);
+      },
+      [&](std::size_t first, std::size_t here) {
+        areas_of(a, b, area_m2);
+        std::copy_n(area_m2, here, out_m2.begin() + static_cast<std::ptrdiff_t>(first));
+      });
 }
 
 void vertex_areas_m2(const Topology& topology, std::span<const float> face_areas_m2, std::vector<float>& out_m2) {
@@ -115,23 +135,28 @@ std::vector<Hinge> hinges(const Topology& topology) {
   return out;
 }
 
-void dihedral_angles_rad(std::span<const Hinge> hinges, std::span<const Vec3f> positions_m, std::span<float> out_rad) {
+void dihedral_angles_rad(std::span<const Hinge> hinges, std::span<const Vec4f> positions_m, std::span<float> out_rad) {
   assert(out_rad.size() == hinges.size());
-  Lanes3 e{}, a{}, b{};
-  Lanes angle;
-  for (std::size_t first = 0; first < hinges.size(); first += kLanes) {
-    const std::size_t count = std::min(kLanes, hinges.size() - first);
-    for (std::size_t i = 0; i < count; ++i) {
-      const Hinge& h = hinges[first + i];
-      const Vec3f& start = positions_m[h[0]];
-      put_difference(e, i, start, positions_m[h[1]]);
-      put_difference(a, i, start, positions_m[h[2]]);
-      put_difference(b, i, start, positions_m[h[3]]);
-    }
-    angles_of(e, a, b, angle);
-    for (std::size_t i = 0; i < count; ++i) {
-      out_rad[first + i] = hinges[first + i][2] == hinges[first + i][3] ? 0.0f : angle[i];
-    }
+  VectorBatch e, a, b;
+  float angle_rad[kBatch];
+  bool any_against = false;
+  in_batches(
+      hinges.size(),
+      [&](std::size_t k, std::size_t i) {
+        const Hinge& h = hinges[k];
+        const Vec4f& start = positions_m[h[0]];
+        e.put(i, positions_m[h[1]] - start);
+        a.put(i, positions_m[h[2]] - start);
+        b.put(i, positions_m[h[3]] - start);
+        any_against |= h[2] == h[3];
+      },
+      [&](std::size_t first, std::size_t here) {
+        angles_of(e, a, b, angle_rad);
+        std::copy_n(angle_rad, here, out_rad.begin() + static_cast<std::ptrdiff_t>(first));
+      });
+  if (!any_against) return;
+  for (std::size_t k = 0; k < hinges.size(); ++k) {
+    if (hinges[k][2] == hinges[k][3]) out_rad[k] = 0;
   }
 }
 

@@ -14,14 +14,10 @@ namespace rustle::sheet {
 [[nodiscard]] Vec3d mean_position_m(std::span<const Vec3f> positions_m);
 
 /// Positions relative to `origin_m`, differenced in double: what follows may use float even far from the origin.
-void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origin_m, std::vector<Vec3f>& out_m);
+void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origin_m, std::vector<Vec4f>& out_m);
 
-/// Unit normals and areas of the triangles. The normal of a triangle without area is zero.
-struct FaceGeometry {
-  std::vector<Vec3f> normals;   ///< [T]
-  std::vector<float> areas_m2;  ///< [T]
-};
-void face_geometry(const Topology& topology, std::span<const Vec3f> positions_m, FaceGeometry& out);
+/// Areas of the triangles. Allocates nothing once `out_m2` has its size. [T]
+void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::vector<float>& out_m2);
 
 /// Barycentric dual areas: a third of every triangle around a vertex. [V]
 void vertex_areas_m2(const Topology& topology, std::span<const float> face_areas_m2, std::vector<float>& out_m2);
@@ -36,7 +32,7 @@ using Hinge = std::array<std::uint32_t, 4>;
 ///   θ = atan2((n_l x n_r)·e/|e|, n_l·n_r)
 /// Hinges with a triangle without area are 0. Relative error below 1e-6. Pure, allocates nothing. O(hinges).
 /// \pre out_rad.size() == hinges.size(); positions near the origin (relative_positions_m)
-void dihedral_angles_rad(std::span<const Hinge> hinges, std::span<const Vec3f> positions_m, std::span<float> out_rad);
+void dihedral_angles_rad(std::span<const Hinge> hinges, std::span<const Vec4f> positions_m, std::span<float> out_rad);
 
 /// Mean length of the edges around every vertex, 0 without any. [V]
 template <class Point>

@@ -8,6 +8,7 @@ namespace rustle::sheet {
 
 using Vec2f = Eigen::Vector2f;
 using Vec3f = Eigen::Vector3f;
+using Vec4f = Eigen::Vector4f;  ///< a point with a 0 behind it: one load, one store
 using Vec2d = Eigen::Vector2d;
 using Vec3d = Eigen::Vector3d;
 

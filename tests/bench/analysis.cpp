@@ -168,8 +168,9 @@ class Stages {
           contacts_.update(frame, last_ ? &*last_ : nullptr, surroundings, parameters_.contact_radius_m, next_event_id_);
     });
     timings["regions"].run([&] {
-      regions_.gather_positions_m(relative_m_, positions_m_);
-      const auto angles_rad = regions_.proxy ? std::span<const float>() : std::span<const float>(angles_rad_);
+      positions_m_ = regions_.positions_m(relative_m_, gathered_m_);
+      const auto angles_rad =
+          regions_.proxy || !curvature_.in_edge_order ? std::span<const float>() : std::span<const float>(angles_rad_);
       analysis::segment(regions_.stencils, {positions_m_, angles_rad}, frame.time_s, parameters_, &history_, scratch_, map_);
     });
     timings["resonators"].run([&] {
@@ -201,7 +202,8 @@ class Stages {
   analysis::RegionState history_;
   std::optional<MeshFrame> last_;
   std::uint64_t next_event_id_ = 1;
-  std::vector<Vec3f> relative_m_, positions_m_;
+  std::vector<sheet::Vec4f> relative_m_, gathered_m_;
+  std::span<const sheet::Vec4f> positions_m_;
   std::vector<float> angles_rad_;
   analysis::Curvature now_;
   analysis::RegionScratch scratch_;

@@ -12,7 +12,7 @@ using sheets::MeshKind;
 namespace {
 
 std::vector<float> curvature_of(const analysis::CurvatureStencils& stencils, const sheet::MeshFrame& frame) {
-  std::vector<sheet::Vec3f> relative;
+  std::vector<sheet::Vec4f> relative;
   sheet::relative_positions_m(frame.positions_m, sheet::mean_position_m(frame.positions_m), relative);
   std::vector<float> angles(stencils.hinges.size());
   sheet::dihedral_angles_rad(stencils.hinges, relative, angles);
@@ -68,7 +68,9 @@ TEST_CASE("local bending of a cylinder is of the order of its curvature") {
   const auto stencils = analysis::curvature_stencils(topology, sheet::rest_plane(*topology, {}), {});
   const auto frame = test::frame_of(mesh, topology, test::arc(8));
   std::vector<float> angles(stencils.hinges.size());
-  sheet::dihedral_angles_rad(stencils.hinges, frame.positions_m, angles);
+  std::vector<sheet::Vec4f> relative;
+  sheet::relative_positions_m(frame.positions_m, sheet::mean_position_m(frame.positions_m), relative);
+  sheet::dihedral_angles_rad(stencils.hinges, relative, angles);
   analysis::Curvature curvature;
   analysis::measure_curvature(stencils, angles, curvature);
   double mean = 0;

@@ -110,14 +110,16 @@ TEST_CASE("a ridge stops the flood, an inflection does not, an anchor does") {
     const analysis::Parameters parameters;
     analysis::RegionScratch scratch;
     analysis::RegionMap map;
-    analysis::segment(stencils, {frame.positions_m, {}}, 0, parameters, nullptr, scratch, map);
+    std::vector<sheet::Vec4f> relative;
+    sheet::relative_positions_m(frame.positions_m, sheet::Vec3d::Zero(), relative);
+    analysis::segment(stencils, {relative, {}}, 0, parameters, nullptr, scratch, map);
     analysis::Holds holds{std::vector<std::uint8_t>(frame.positions_m.size()),
                           std::vector<std::uint8_t>(frame.positions_m.size())};
     for (std::size_t i = 0; i < frame.positions_m.size(); ++i) {
       holds.anchored[i] = anchor_middle && std::abs(mesh.material_coordinates[i][0] - 0.1485f) < 0.02f;
     }
     analysis::ResonatorFinder finder(parameters);
-    finder.turn_to({stencils, map, frame.positions_m, sheet::Vec3d::Zero(), holds});
+    finder.turn_to({stencils, map, relative, sheet::Vec3d::Zero(), holds});
     const std::uint32_t corner = map.region[0];
     const auto first =
         static_cast<std::uint32_t>(std::find(map.region.begin(), map.region.end(), corner) - map.region.begin());

@@ -26,6 +26,12 @@ double uniform(std::uint64_t i) {
   return static_cast<double>((i ^ (i >> 31)) >> 11) * 0x1.0p-53;
 }
 
+std::vector<sheet::Vec4f> padded(const std::vector<Vec3f>& points) {
+  std::vector<sheet::Vec4f> out;
+  sheet::relative_positions_m(points, Vec3d::Zero(), out);
+  return out;
+}
+
 double cross(const Vec2d& a, const Vec2d& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
@@ -42,7 +48,7 @@ TEST_CASE("the dihedral angle is that of the fold, signed, from flat to closed")
     p[3].y() = static_cast<float>(-0.012 * std::cos(fold));
     p[3].z() = static_cast<float>(-0.012 * std::sin(fold));
     float angle = 99;
-    sheet::dihedral_angles_rad(hinges, p, std::span(&angle, 1));
+    sheet::dihedral_angles_rad(hinges, padded(p), std::span(&angle, 1));
     CHECK(static_cast<double>(angle) == Approx(fold).margin(2e-6));
   }
 }
@@ -52,25 +58,46 @@ TEST_CASE("hinges without area or against each other are flat, never NaN") {
   for (const auto& p : {std::vector<Vec3f>(5, Vec3f::Zero()), std::vector<Vec3f>(5, Vec3f(1, 2, 3))}) {
     const auto hinges = sheet::hinges(*t);
     std::vector<float> angles(hinges.size(), 1.0f);
-    sheet::dihedral_angles_rad(hinges, p, angles);
+    sheet::dihedral_angles_rad(hinges, padded(p), angles);
     for (float a : angles) CHECK(a == 0.0f);
-    sheet::FaceGeometry faces;
-    sheet::face_geometry(*t, p, faces);
-    for (const auto& n : faces.normals) CHECK(n.isZero());
+    std::vector<float> areas;
+    sheet::face_areas_m2(*t, padded(p), areas);
+    REQUIRE(areas.size() == 4);
+    for (const float a : areas) CHECK(a == 0.0f);
+  }
+}
+
+TEST_CASE("mean and differences of positions are those in double, for any count, far from the origin") {
+  for (std::size_t count = 0; count < 23; ++count) {
+    std::vector<Vec3f> points;
+    Vec3d sum = Vec3d::Zero();
+    for (std::uint64_t i = 0; i < count; ++i) {
+      const Vec3d p(1000 + uniform(3 * i), uniform(3 * i + 1) - 2000, 0.1 * uniform(3 * i + 2));
+      points.push_back(p.cast<float>());
+      sum += points.back().cast<double>();
+    }
+    const Vec3d mean = sheet::mean_position_m(points);
+    const auto expected = count > 0 ? Vec3d(sum / static_cast<double>(count)) : Vec3d(Vec3d::Zero());
+    CHECK((mean - expected).norm() < 1e-9);
+    std::vector<sheet::Vec4f> relative;
+    sheet::relative_positions_m(points, mean, relative);
+    REQUIRE(relative.size() == count);
+    for (std::size_t i = 0; i < count; ++i) {
+      CHECK(relative[i].head<3>() == (points[i].cast<double>() - mean).cast<float>());
+      CHECK(relative[i].w() == 0);
+    }
   }
 }
 
 TEST_CASE("dual areas sum to the area of the sheet") {
   const test::Grid grid(9, 7, 0.3f, 0.2f);
   const auto t = test::topology(grid.uv_m.size(), grid.triangles);
-  sheet::FaceGeometry faces;
-  sheet::face_geometry(*t, grid.mapped([](Vec2f p) { return Vec3f(p.x(), p.y(), 0); }), faces);
-  std::vector<float> areas;
-  sheet::vertex_areas_m2(*t, faces.areas_m2, areas);
+  std::vector<float> face_areas, areas;
+  sheet::face_areas_m2(*t, padded(grid.mapped([](Vec2f p) { return Vec3f(p.x(), p.y(), 0); })), face_areas);
+  sheet::vertex_areas_m2(*t, face_areas, areas);
   double sum = 0;
   for (float a : areas) sum += static_cast<double>(a);
   CHECK(sum == Approx(0.06).epsilon(1e-5));
-  for (const auto& n : faces.normals) CHECK(n.isApprox(Vec3f::UnitZ()));
 }
 
 TEST_CASE("the grid finds the neighbours that brute force finds") {
