@@ -1,5 +1,8 @@
 #include "server/synthesis/interpolation.h"
 
+#include <algorithm>
+#include <cstring>
+
 #include "server/sheet/simd.h"
 
 namespace rustle::synthesis {
@@ -10,38 +13,100 @@ static_assert(kQuantum % kBlock == 0);
 
 constexpr float kFractionUnit = 0x1.0p-24F;  ///< fractions count in these where they are floats
 
-constexpr std::size_t kTogether = 4;  ///< taps added in one pass over the output, each after the other all the same
+#if defined(__x86_64__)
+const bool kWideRegisters = __builtin_cpu_supports("avx512f") != 0;  ///< thirty-two of sixteen floats
+#else
+constexpr bool kWideRegisters = false;
+#endif
+using Lanes = float __attribute__((vector_size(kBlock * sizeof(float))));
+using FourLanes = float __attribute__((vector_size(4 * sizeof(float))));
+constexpr std::size_t kAhead = 8;  ///< taps by which samples are called for early
 
-template <std::size_t kTaps>
-[[gnu::always_inline]] inline void add_whole_taps(const WholeTap* taps, float* __restrict out) noexcept {
-  std::array<const float*, kTaps> x;
-  std::array<float, kTaps> gain;
-  for (std::size_t k = 0; k < kTaps; ++k) {
-    x[k] = taps[k].x;
-    gain[k] = taps[k].gain;
+/// A_k[m], m < kQuantum + 3.
+using ShiftedSums = std::array<std::array<float, kQuantum + 4>, 4>;
+
+template <class L>
+[[gnu::always_inline]] inline void load(L& to, const float* x) noexcept {
+  std::memcpy(&to, x, sizeof to);
+}
+template <class L>
+[[gnu::always_inline]] inline void store(float* to, const L& x) noexcept {
+  std::memcpy(to, &x, sizeof x);
+}
+
+/// Both kinds of taps in kBlocks blocks of the quantum from `from` on; still ones into sums. kLast: the sums' ends too.
+template <std::size_t kBlocks, bool kLast>
+[[gnu::always_inline]] inline void add_blocks(std::span<const WholeTap> whole, std::span<const StillTap> still,
+                                              std::size_t from, ShiftedSums& sums, float* out) noexcept {
+  std::array<Lanes, kBlocks> w;
+  std::array<std::array<Lanes, kBlocks>, 4> a{};
+  std::array<FourLanes, 4> ends{};
+  const auto add_whole = [&](const WholeTap& tap) __attribute__((always_inline)) {
+    for (std::size_t b = 0; b < kBlocks; ++b) {
+      Lanes x;
+      load(x, tap.x + from + b * kBlock);
+      w[b] += tap.gain * x;
+    }
+  };
+  const auto add_still = [&](const StillTap& tap) __attribute__((always_inline)) {
+    for (std::size_t b = 0; b < kBlocks; ++b) {
+      Lanes x;
+      load(x, tap.x + from + b * kBlock);
+      for (std::size_t k = 0; k < 4; ++k) a[k][b] += tap.weights_gain[k] * x;
+    }
+    if constexpr (kLast) {
+      FourLanes x;
+      load(x, tap.x + kQuantum - 1);
+      for (std::size_t k = 1; k < 4; ++k) ends[k] += tap.weights_gain[k] * x;
+    }
+  };
+  for (std::size_t b = 0; b < kBlocks; ++b) load(w[b], out + from + b * kBlock);
+  const std::size_t both = std::min(whole.size(), still.size());
+  for (std::size_t i = 0; i < both; ++i) {
+    __builtin_prefetch(whole[std::min(i + kAhead, whole.size() - 1)].x + kQuantum - 1);
+    add_still(still[i]);
+    add_whole(whole[i]);
   }
-  for (int n = 0; n < kQuantum; ++n) {
-    float sum = out[n];
-    for (std::size_t k = 0; k < kTaps; ++k) sum += gain[k] * x[k][n];
-    out[n] = sum;
+  for (std::size_t i = both; i < still.size(); ++i) {
+    __builtin_prefetch(still[std::min(i + kAhead, still.size() - 1)].x + kQuantum - 1);
+    add_still(still[i]);
+  }
+  for (std::size_t i = both; i < whole.size(); ++i) add_whole(whole[i]);
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    store(out + from + b * kBlock, w[b]);
+    for (std::size_t k = 0; k < 4; ++k) store(&sums[k][from + b * kBlock], a[k][b]);
+  }
+  if constexpr (kLast) {
+    for (std::size_t k = 1; k < 4; ++k) store(&sums[k][kQuantum - 1], ends[k]);
   }
 }
 
-template <std::size_t kTaps>
-[[gnu::always_inline]] inline void add_still_taps(const StillTap* taps, float* __restrict out) noexcept {
-  std::array<const float*, kTaps> x;
-  std::array<std::array<float, 4>, kTaps> w;
-  for (std::size_t k = 0; k < kTaps; ++k) {
-    x[k] = taps[k].x;
-    w[k] = taps[k].weights_gain;
-  }
-  for (int n = 0; n < kQuantum; ++n) {
-    float sum = out[n];
-    for (std::size_t k = 0; k < kTaps; ++k) {
-      sum += (w[k][0] * x[k][n] + w[k][1] * x[k][n + 1]) + (w[k][2] * x[k][n + 2] + w[k][3] * x[k][n + 3]);
-    }
-    out[n] = sum;
-  }
+template <std::size_t kBlocks>
+[[gnu::always_inline]] inline void add_taps_in(std::span<const WholeTap> whole, std::span<const StillTap> still,
+                                               float* out) noexcept {
+  constexpr std::size_t kLastFrom = kQuantum - kBlocks * kBlock;
+  ShiftedSums sums;
+  for (std::size_t from = 0; from < kLastFrom; from += kBlocks * kBlock)
+    add_blocks<kBlocks, false>(whole, still, from, sums, out);
+  add_blocks<kBlocks, true>(whole, still, kLastFrom, sums, out);
+  for (std::size_t n = 0; n < kQuantum; ++n) out[n] += (sums[0][n] + sums[1][n + 1]) + (sums[2][n + 2] + sums[3][n + 3]);
+}
+
+/// With a quantum of every sum in registers at once, where they are enough and wide.
+RUSTLE_SIMD void add_taps_wide(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept {
+  add_taps_in<kQuantum / kBlock>(whole, still, out);
+}
+
+/// A block at a time, its sums in sixteen registers.
+RUSTLE_SIMD void add_taps_narrow(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept {
+  add_taps_in<1>(whole, still, out);
+}
+
+/// One tap by itself.
+RUSTLE_SIMD void add_one(const StillTap& tap, float* __restrict out) noexcept {
+  const float* x = tap.x;
+  const auto w = tap.weights_gain;
+  for (int n = 0; n < kQuantum; ++n) out[n] += (w[0] * x[n] + w[1] * x[n + 1]) + (w[2] * x[n + 2] + w[3] * x[n + 3]);
 }
 
 /// Where a block begins and what it is scaled by.
@@ -111,18 +176,14 @@ std::array<float, 4> weights(Position fraction, float gain) noexcept {
           static_cast<float>(g * ((f + 1) * f * (f - 1) / 6 - treble))};
 }
 
-RUSTLE_SIMD void add_whole(std::span<const WholeTap> taps, float* out) noexcept {
-  const WholeTap* tap = taps.data();
-  std::size_t left = taps.size();
-  for (; left >= kTogether; left -= kTogether, tap += kTogether) add_whole_taps<kTogether>(tap, out);
-  for (; left > 0; --left, ++tap) add_whole_taps<1>(tap, out);
-}
-
-RUSTLE_SIMD void add_still(std::span<const StillTap> taps, float* out) noexcept {
-  const StillTap* tap = taps.data();
-  std::size_t left = taps.size();
-  for (; left >= kTogether; left -= kTogether, tap += kTogether) add_still_taps<kTogether>(tap, out);
-  for (; left > 0; --left, ++tap) add_still_taps<1>(tap, out);
+void add_taps(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept {
+  if (whole.empty() && still.size() == 1) {
+    add_one(still.front(), out);
+  } else if (kWideRegisters) {
+    add_taps_wide(whole, still, out);
+  } else {
+    add_taps_narrow(whole, still, out);
+  }
 }
 
 RUSTLE_SIMD void add_moving(const MovingTap& tap, float* out) noexcept {

@@ -28,10 +28,6 @@ struct WholeTap {
   float gain = 0;
 };
 
-/// out[n] += gain x[n], tap after tap.
-/// \pre x and out have kQuantum samples
-void add_whole(std::span<const WholeTap> taps, float* out) noexcept RUSTLE_NONBLOCKING;
-
 /// A reading that neither moves nor changes its gain.
 struct StillTap {
   const float* x = nullptr;             ///< the first of the four samples that the first output sample is made of
@@ -41,9 +37,12 @@ struct StillTap {
 /// w(fraction) · gain; exactly (0, gain, 0, 0) where the fraction is 0.
 std::array<float, 4> weights(Position fraction, float gain) noexcept RUSTLE_NONBLOCKING;
 
-/// out[n] += Σ_k weights_gain[k] x[n+k], tap after tap.
-/// \pre x has kQuantum + 3 samples, out kQuantum
-void add_still(std::span<const StillTap> taps, float* out) noexcept RUSTLE_NONBLOCKING;
+/// Adds what taps read, in one pass over their samples:
+///   W[n] = out[n] + Σ_whole gain x[n],   A_k[m] = Σ_still weights_gain[k] x[m],
+///   out[n] = W[n] + ((A_0[n] + A_1[n+1]) + (A_2[n+2] + A_3[n+3])),
+/// Σ tap after tap. Each sample is loaded once, the four shifts coming after the sum over taps, not before.
+/// \pre x of a whole tap and out have kQuantum samples, x of a still one kQuantum + 3
+void add_taps(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept RUSTLE_NONBLOCKING;
 
 /// A reading that moves at an even pace while its gain goes straight.
 struct MovingTap {

@@ -20,8 +20,7 @@ constexpr double kMaxDelay_s = 2.0;
 constexpr double kGlance_s = 0.010;  ///< how far ahead a voice's loudness is judged
 constexpr float kInaudible = 1e-5F;  ///< paths with less gain are left out
 constexpr SampleTime kMostSamples = SampleTime{1} << 30;
-constexpr std::size_t kTapsInPart = 32;  ///< whose samples stay in the nearest cache
-constexpr std::size_t kAhead = 32;       ///< taps by which samples are called for early
+constexpr std::size_t kTapsInPart = 64;  ///< whose samples stay in the nearest cache
 constexpr SampleTime kNever = std::numeric_limits<SampleTime>::max();
 constexpr int kReach = 2;                ///< samples on either side that interpolation reaches to
 constexpr int kReadings = kQuantum + 3;  ///< samples that a quantum is made of
@@ -74,16 +73,6 @@ struct VoicePlace {
   Arrivals arrivals;
 };
 
-/// Calls for the samples of a quantum that will soon be read, and for those of the next one, which hundreds of voices keep
-/// out of the nearest cache till then.
-inline void prefetch(const float* x) noexcept {
-  constexpr int kLine = 16;
-  for (int n = 0; n < kQuantum; n += kLine) {
-    __builtin_prefetch(x + n, 0, 3);
-    __builtin_prefetch(x + kQuantum + n, 0, 2);
-  }
-}
-
 /// Taps of one channel that read within their units and go on like that from quantum to quantum.
 template <class T>
 class TapList {
@@ -115,19 +104,21 @@ class TapList {
 
   std::size_t size() const noexcept { return taps_.size(); }
 
-  /// Calls add(taps, bus) for every run of neighbours in one bus in the given part of the list, of so many, and moves them
-  /// on by a quantum. `first`: nobody has read these samples in this quantum.
-  template <class Add>
-  void play(std::size_t part, std::size_t parts, bool first, Add&& add) noexcept {
-    const std::size_t end = taps_.size() * (part + 1) / parts;
-    for (std::size_t from = taps_.size() * part / parts, to = from; from < end; from = to) {
-      while (to < end && buses_[to] == buses_[from]) {
-        if (first) prefetch(taps_[std::min(to + kAhead, taps_.size() - 1)].x);
-        ++to;
-      }
-      add(std::span<const T>(&taps_[from], to - from), buses_[from]);
-      for (std::size_t k = from; k < to; ++k) taps_[k].x += kQuantum;
-    }
+  /// A run of neighbours in one bus, from one place in the list to before `end`; empty where there is none in that bus.
+  struct Run {
+    std::size_t from, to;
+  };
+  Run run_in(Bus bus, std::size_t from, std::size_t end) const noexcept {
+    std::size_t to = from;
+    while (to < end && buses_[to] == bus) ++to;
+    return {from, to};
+  }
+  Bus bus(std::size_t at) const noexcept { return buses_[at]; }
+  std::span<const T> taps(Run run) const noexcept { return std::span(taps_).subspan(run.from, run.to - run.from); }
+
+  /// The taps of a run, a quantum on.
+  void advance(Run run) noexcept {
+    for (std::size_t k = run.from; k < run.to; ++k) taps_[k].x += kQuantum;
   }
 
  private:
@@ -307,14 +298,27 @@ class Voices final : public RenderModel {
     // Taps of one voice stand at like places in all lists: a part of each at a time, its samples come from memory once.
     std::size_t most = 0;
     for (std::size_t c = 0; c < channels_; ++c) most = std::max({most, whole_[c].size(), still_[c].size()});
-    const std::size_t parts = (most + kTapsInPart - 1) / kTapsInPart;
+    const std::size_t parts = channels_ == 1 ? 1 : (most + kTapsInPart - 1) / kTapsInPart;
     for (std::size_t part = 0; part < parts; ++part) {
-      for (std::size_t c = 0; c < channels_; ++c) {
-        const int channel = static_cast<int>(c);
-        whole_[c].play(part, parts, c == 0, [&](const auto taps, Bus bus) { add_whole(taps, out.add_to(bus, channel)); });
-        still_[c].play(part, parts, c == 0 && whole_[0].size() < still_[0].size() / 2,
-                       [&](const auto taps, Bus bus) { add_still(taps, out.add_to(bus, channel)); });
-      }
+      for (std::size_t c = 0; c < channels_; ++c) play_listed(c, part, parts, out);
+    }
+  }
+
+  /// One of so many parts of a channel's lists, bus after bus.
+  void play_listed(std::size_t channel, std::size_t part, std::size_t parts, const BusSamples& out) noexcept {
+    TapList<WholeTap>& whole = whole_[channel];
+    TapList<StillTap>& still = still_[channel];
+    std::size_t w = whole.size() * part / parts, s = still.size() * part / parts;
+    const std::size_t whole_end = whole.size() * (part + 1) / parts, still_end = still.size() * (part + 1) / parts;
+    while (w < whole_end || s < still_end) {
+      const Bus bus = s < still_end ? still.bus(s) : whole.bus(w);
+      const auto whole_run = whole.run_in(bus, w, whole_end);
+      const auto still_run = still.run_in(bus, s, still_end);
+      add_taps(whole.taps(whole_run), still.taps(still_run), out.add_to(bus, static_cast<int>(channel)));
+      whole.advance(whole_run);
+      still.advance(still_run);
+      w = whole_run.to;
+      s = still_run.to;
     }
   }
 
@@ -471,7 +475,7 @@ class Voices final : public RenderModel {
       const StillTap still{window.of(voice, low, kReadings), tap.weights_gain};
       const spatial::Hrtf::Place& from = places_[slot].arrivals[settled.path[k]];
       deliver(voice.bus, settled.channel[k], from, from, out,
-              [&](float* samples) { add_still(std::span(&still, 1), samples); });
+              [&](float* samples) { add_taps({}, std::span(&still, 1), samples); });
     }
   }
 
