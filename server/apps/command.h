@@ -17,6 +17,7 @@ enum ExitStatus : int { kDone = 0, kFailed = 1, kWrongUsage = 2 };
 using Action = std::function<int()>;
 
 void add_demo(CLI::App& app, Action& action);
+void add_doctor(CLI::App& app, Action& action);
 void add_import(CLI::App& app, Action& action);
 void add_inspect(CLI::App& app, Action& action);
 void add_listen(CLI::App& app, Action& action);

@@ -84,6 +84,7 @@ wire::Error unsupported(std::string message, std::string remedy) {
 Daemon::Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs,
                std::shared_ptr<const session::WallClock> clock)
     : options_(std::move(options)),
+      max_sessions_(options_.max_sessions),
       packs_(std::move(packs)),
       clock_(std::move(clock)),
       strangers_({.publishers = options_.max_sessions}) {}
@@ -114,9 +115,10 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
   return daemon;
 }
 
-void Daemon::run(const std::atomic<bool>& stop) {
+void Daemon::run(const std::atomic<bool>& stop, const std::function<void()>& between) {
   std::vector<wire::Event> events;
   while (!stop.load()) {
+    if (between) between();
     events.clear();
     sockets_->poll(guests_.empty() && strangers_.empty() ? milliseconds(200) : milliseconds(20), events);
     for (auto& event : events) std::visit([this](auto& e) { handle(e); }, event);
@@ -245,7 +247,7 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
                        std::nullopt,
                        {}};
   }
-  if (guests_.size() >= options_.max_sessions) return too_many_sessions();
+  if (guests_.size() >= max_sessions_) return too_many_sessions();
   if (body.options.record) {
     return unsupported("Sessions are not recorded by this version.", "Attach without it, and keep what you send.");
   }
@@ -284,7 +286,7 @@ wire::Error Daemon::too_many_sessions() const {
           "The daemon carries as many sessions as it may.",
           "Detach a session, or start rustled with a higher --max-sessions.",
           0,
-          wire::Quota{"sessions", static_cast<double>(options_.max_sessions), static_cast<double>(guests_.size() + 1)},
+          wire::Quota{"sessions", static_cast<double>(max_sessions_), static_cast<double>(guests_.size() + 1)},
           {}};
 }
 
@@ -379,7 +381,7 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
   const std::string id = envelope.session_id();
   const auto now = clock_->now();
   Stranger* stranger = strangers_.meet(id, now);
-  if (stranger == nullptr || guests_.size() >= options_.max_sessions) {
+  if (stranger == nullptr || guests_.size() >= max_sessions_) {
     complain("publisher", too_many_sessions());
     return nullptr;
   }

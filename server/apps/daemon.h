@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -45,8 +46,11 @@ class Daemon {
 
   const wire::Sockets& sockets() const { return *sockets_; }
 
-  /// Serves until `stop` is set.
-  void run(const std::atomic<bool>& stop);
+  /// Serves until `stop` is set; `between` is called many times a second, on this thread.
+  void run(const std::atomic<bool>& stop, const std::function<void()>& between = {});
+
+  /// From now on so many sessions at a time; those there are stay. [network thread]
+  void limit_sessions(std::size_t most) { max_sessions_ = most; }
 
  private:
   using Instant = session::WallClock::Duration;
@@ -133,6 +137,7 @@ class Daemon {
   wire::Statistics statistics(const Guest& guest) const;
 
   const DaemonOptions options_;
+  std::size_t max_sessions_;
   const std::shared_ptr<pack::PackLibrary> packs_;
   Heads heads_;
   std::map<std::filesystem::path, std::shared_ptr<const pack::SoundPack>> held_packs_;  ///< at the daemon's rate

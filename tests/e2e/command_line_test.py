@@ -1,13 +1,17 @@
 #!/usr/bin/python3
 """What a person meets at the command line: help with examples, and errors that say what to do."""
+import json
+import os
 import pathlib
+import signal
+import socket
 import subprocess
 
 import numpy as np
 
 from support import BIN, STORED_CAPTURE, RustleTest, daemon, grid, main, rustle, save_npz
 
-COMMANDS = ["demo", "render", "import", "inspect", "replay", "listen", "pack", "pack list", "pack check", "pack generate", "pack build", "pack show", "pack play"]
+COMMANDS = ["demo", "render", "import", "inspect", "replay", "listen", "pack", "pack list", "pack check", "pack generate", "pack build", "pack show", "pack play", "doctor"]
 
 
 class Help(RustleTest):
@@ -18,6 +22,86 @@ class Help(RustleTest):
         done = subprocess.run([BIN / "rustled", "--help"], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0)
         self.assertIn("Example: rustled", done.stdout)
+
+
+class Doctor(RustleTest):
+    def test_every_check_says_what_it_found_and_what_to_do(self):
+        done = subprocess.run([BIN / "rustle", "doctor", "--json"], capture_output=True, text=True, env={**os.environ, "RUSTLED_CONFIG": str(self.config())})
+        told = json.loads(done.stdout)
+        names = {check["name"] for check in told["checks"]}
+        self.assertEqual(names, {"configuration", "sound packs", "endpoints", "audio devices", "measured head", "processor", "scheduling",
+                                 "real-time priority", "memory lock", "descriptors"})
+        for check in told["checks"]:
+            self.assertTrue(check["found"], check)
+            self.assertEqual(check["remedy"] == "", check["grade"] == "granted", check)
+        self.assertEqual(told["ready"], all(check["grade"] != "missing" for check in told["checks"]))
+        self.assertEqual(done.returncode, 0 if told["ready"] else 1)
+
+    def test_a_taken_port_and_a_wrong_file_are_missing(self):
+        with socket.socket() as taken:
+            taken.bind(("127.0.0.1", 0))
+            taken.listen()
+            env = {**os.environ, "RUSTLED_CONFIG": str(self.config(f'control = "tcp://127.0.0.1:{taken.getsockname()[1]}"'))}
+            done = subprocess.run([BIN / "rustle", "doctor"], capture_output=True, text=True, env=env)
+        self.assertEqual(done.returncode, 1)
+        self.assertRegex(done.stdout, r"endpoints\s+missing\s+tcp://127.0.0.1:\d+: Address already in use")
+        env["RUSTLED_CONFIG"] = str(self.config("contrl = 3"))
+        done = subprocess.run([BIN / "rustle", "doctor"], capture_output=True, text=True, env=env)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("did you mean network.control?", done.stdout)
+
+    def config(self, more=""):
+        path = self.folder / "rustled.toml"
+        ends = "".join(f'{name} = "ipc://{self.folder}/{name}"\n' for name in ("control", "stream", "out") if f"{name} =" not in more)
+        path.write_text(f"[network]\n{ends}{more}\n")
+        return path
+
+
+class Configuration(RustleTest):
+    def rustled(self, *arguments, **environment):
+        return subprocess.run([BIN / "rustled", *map(str, arguments)], capture_output=True, text=True, timeout=30,
+                              env={**os.environ, "RUSTLED_CONFIG": "", **environment})
+
+    def test_what_is_printed_is_read_again_unchanged(self):
+        printed = self.rustled("--config", "none", "--print-config", "--max-sessions", 7, RUSTLED_AUDIO_BLOCK_SIZE="256")
+        self.assertEqual(printed.returncode, 0, printed.stderr)
+        self.assertIn("\nmost = 7\n", printed.stdout)
+        self.assertIn("\nblock_size = 256\n", printed.stdout)
+        path = self.folder / "rustled.toml"
+        path.write_text(printed.stdout)
+        self.assertEqual(self.rustled("--config", path, "--print-config").stdout, printed.stdout)
+
+    def test_every_mistake_is_told_at_once(self):
+        path = self.folder / "rustled.toml"
+        path.write_text('[audio]\nrate = 47000\nblok_size = 64\n[network]\ncontrol = "tcp://0.0.0.0:7390"\n')
+        done = self.rustled("--config", path, "--max-sessions", "many")
+        self.assertEqual(done.returncode, 2)
+        self.assertEqual(done.stdout, "")
+        for wanted in (f"{path}:2: audio.rate: 47000 is not one of 44100, 48000, 96000", f"{path}:3: audio.blok_size is not known; did you mean audio.block_size?",
+                       f"{path}:5: network.control tcp://0.0.0.0:7390", "--max-sessions: sessions.most: many is not a whole number"):
+            self.assertIn(wanted, done.stderr)
+
+    def test_hangup_reads_the_file_again(self):
+        path = self.folder / "rustled.toml"
+        path.write_text("[sessions]\nmost = 3\n")
+        with daemon(self.folder, "--config", path, "--device", "none") as ends:
+            said = ends["process"].stderr
+
+            def line_with(text):
+                for line in said:
+                    if text in line:
+                        return line
+                self.fail(f"rustled never said {text!r}")
+
+            line_with("control ipc")
+            path.write_text('[sessions]\nmost = 2\nworkers = 2\n')
+            ends["process"].send_signal(signal.SIGHUP)
+            line_with("sessions.workers takes effect when rustled starts again")
+            line_with("sessions.most is taken over")
+            path.write_text('[sessions]\nmost = 0\n')
+            ends["process"].send_signal(signal.SIGHUP)
+            line_with("sessions.most: 0 is not a whole number from 1 to 100000")
+            line_with("all stays as it is")
 
 
 class Words(RustleTest):

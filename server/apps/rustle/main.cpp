@@ -20,6 +20,7 @@ int main(int argc, char** argv) {
   add_listen(app, action);
   add_pack(app, action);
   add_validate(app, action);
+  add_doctor(app, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -8,18 +8,55 @@
 #include <exception>
 
 #include "server/apps/command.h"
+#include "server/apps/configuration.h"
 #include "server/apps/daemon.h"
 #include "server/apps/wording.h"
-#include "server/wire/endpoint.h"
 
 namespace {
 
-std::atomic<bool> g_stop{false};
+using rustle::apps::Configuration;
+using rustle::apps::Settings;
 
-int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
+std::atomic<bool> g_stop{false};
+std::atomic<bool> g_reload{false};
+
+/// What was said on the command line, to be said again when the file is read anew.
+struct Said {
+  std::optional<std::filesystem::path> file;
+  Settings::Given flags;
+};
+
+/// Prints every mistake. True: there was none.
+bool accept(const std::vector<rustle::apps::SettingError>& errors) {
+  for (const auto& error : errors) fmt::print(stderr, "rustled: {}\n", error.text());
+  return errors.empty();
+}
+
+/// Reads the configuration again; what may change while sessions sound does, the rest is named.
+void reload(const Said& said, Configuration& in_force, rustle::apps::Daemon& daemon) {
+  Configuration next;
+  Settings read = rustle::apps::settings_of(next);
+  read.give(said.flags);
+  if (const auto errors = read.read(said.file); !errors.empty()) {
+    for (const auto& error : errors) spdlog::error("configuration: {}", error.text());
+    spdlog::error("configuration: all stays as it is");
+    return;
+  }
+  const auto changes = rustle::apps::settings_of(in_force).changes_to(read);
+  for (const auto& key : changes.restart) spdlog::warn("configuration: {} takes effect when rustled starts again", key);
+  for (const auto& key : changes.reloadable) spdlog::info("configuration: {} is taken over", key);
+  if (changes.restart.empty() && changes.reloadable.empty()) spdlog::info("configuration: nothing has changed");
+  spdlog::set_level(spdlog::level::from_str(next.log_level));
+  daemon.limit_sessions(next.daemon.max_sessions);
+  in_force.log_level = next.log_level;
+  in_force.daemon.max_sessions = next.daemon.max_sessions;
+}
+
+int serve(Configuration configuration, const Said& said) {
   using namespace rustle;
   spdlog::set_default_logger(spdlog::stderr_color_mt("rustled"));
-  spdlog::set_level(spdlog::level::from_str(log_level));
+  spdlog::set_level(spdlog::level::from_str(configuration.log_level));
+  if (said.file) spdlog::info("configuration {}", said.file->string());
   auto packs = std::make_shared<pack::PackLibrary>();
   for (const auto& broken : packs->broken()) spdlog::warn("sound pack left out: {}", broken.text());
   if (packs->entries().empty()) {
@@ -31,22 +68,7 @@ int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
                folders);
     return apps::kFailed;
   }
-  const auto& wanted = options.sockets;
-  for (const auto& [endpoint, flag] :
-       {std::pair(wanted.control, "--control"), std::pair(wanted.stream, "--stream"), std::pair(wanted.out, "--out")}) {
-    if (endpoint.empty()) continue;
-    if (auto allowed = wire::check_bind_endpoint(endpoint, flag); !allowed) {
-      fmt::print(stderr, "rustled: {}\n", allowed.error());
-      return apps::kWrongUsage;
-    }
-  }
-  for (const auto& endpoint : wanted.connect) {
-    if (auto allowed = wire::check_connect_endpoint(endpoint, "--connect"); !allowed) {
-      fmt::print(stderr, "rustled: {}\n", allowed.error());
-      return apps::kWrongUsage;
-    }
-  }
-  auto daemon = apps::Daemon::open(std::move(options), packs);
+  auto daemon = apps::Daemon::open(apps::daemon_options(configuration), packs);
   if (!daemon) {
     fmt::print(stderr, "rustled: {}\n", daemon.error());
     return apps::kFailed;
@@ -56,13 +78,16 @@ int serve(rustle::apps::DaemonOptions options, const std::string& log_level) {
                sockets.out_endpoint());
   std::signal(SIGINT, [](int) { g_stop.store(true); });
   std::signal(SIGTERM, [](int) { g_stop.store(true); });
-  (*daemon)->run(g_stop);
+  std::signal(SIGHUP, [](int) { g_reload.store(true); });
+  (*daemon)->run(g_stop, [&] {
+    if (g_reload.exchange(false)) reload(said, configuration, **daemon);
+  });
   spdlog::info("ended");
   return apps::kDone;
 }
 
-int print_devices(rustle::sinks::AudioApi api) {
-  const auto devices = rustle::sinks::output_devices(api);
+int print_devices(const std::string& audio_api) {
+  const auto devices = rustle::sinks::output_devices(rustle::sinks::audio_api_of(audio_api).value());
   for (const auto& device : devices) {
     fmt::print("{:<6} {}: {}, {} Hz{}\n", device.api, device.name, rustle::apps::counted(device.channels, "channel"),
                device.preferred_rate_hz, device.is_default ? ", default" : "");
@@ -78,66 +103,41 @@ int main(int argc, char** argv) {
   CLI::App app{"rustled listens to simulators and gives their deforming sheets sound.", "rustled"};
   app.set_version_flag("--version", "rustled " RUSTLE_VERSION);
   app.footer(
+      "Every setting may also stand in the configuration file or in an environment variable; flags go before variables,\n"
+      "variables before the file. SIGHUP reads the file again.\n"
       "Example: rustled --connect tcp://127.0.0.1:5555\n"
+      "         rustled --print-config > rustled.toml && rustled --config rustled.toml\n"
       "Attach a simulator with an SDK or `rustle replay`, hear it with `rustle listen`. Ends on SIGTERM or Ctrl-C.");
-  rustle::apps::DaemonOptions options;
-  std::string log_level = "info";
-  auto& sockets = options.sockets;
-  app.add_option("--control", sockets.control, "Endpoint of requests, loopback tcp or ipc")->capture_default_str();
-  app.add_option("--stream", sockets.stream, "Endpoint of frames, loopback tcp or ipc; \"\" for none")
-      ->capture_default_str();
-  app.add_option("--out", sockets.out, "Endpoint of sound, loopback tcp or ipc")->capture_default_str();
-  app.add_option("--connect", sockets.connect, "Subscribe to a simulator that publishes there; may be repeated");
-  app.add_option("--workers", options.analysis_workers, "Analysis threads")
-      ->check(CLI::Range(1, 256))
-      ->capture_default_str();
-  app.add_option("--rate", options.rate_hz, "Sample rate of sessions that do not say")
-      ->check(CLI::IsMember({44100, 48000, 96000}))
-      ->capture_default_str();
-  app.add_option("--block-size", options.block_size, "Samples in a block of sessions that do not say")
-      ->check(CLI::Range(16, 8192))
-      ->capture_default_str();
-  app.add_option(
-      "--hrtf", options.hrtfs,
-      "Whose ears hear binaural sessions that do not say: structural, kemar or a SOFA file, which sessions may then "
-      "name by its stem; may be repeated, the first is the default; kemar where installed");
-  app.add_option("--max-sessions", options.max_sessions, "Sessions at a time")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
-  std::string device = "default";
-  std::string audio_api = "auto";
-  bool list_devices = false;
-  double device_buffer_ms = 30;
-  app.add_option("--device", device,
-                 "Where live sessions are also played: all or a part of a device's name, \"default\" or \"none\"")
-      ->capture_default_str();
-  app.add_option("--audio-api", audio_api, "How devices are spoken to")
-      ->check(CLI::IsMember({"auto", "pulse", "jack", "alsa"}))
-      ->capture_default_str();
-  app.add_option("--device-buffer-ms", device_buffer_ms, "Sound that waits for the device; more bridges longer stalls")
-      ->check(CLI::Range(5.0, 500.0))
-      ->capture_default_str();
+  Configuration configuration;
+  Settings settings = rustle::apps::settings_of(configuration);
+  Said said;
+  std::string file;
+  bool print = false, list_devices = false;
+  app.add_option("--config", file,
+                 "Configuration file; \"none\" reads none [RUSTLED_CONFIG, ~/.config/rustle/rustled.toml or "
+                 "/etc/rustle/rustled.toml, the first that is there]");
+  app.add_flag("--print-config", print, "Print the configuration in force, every setting explained, and end");
   app.add_flag("--list-devices", list_devices, "Print the devices that --device may name, and end");
-  app.add_option("--log-level", log_level, "What is logged on standard error")
-      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
-      ->capture_default_str();
+  settings.add_flags(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? rustle::apps::kDone : rustle::apps::kWrongUsage;
   }
   try {
-    const auto api = rustle::sinks::audio_api_of(audio_api).value();
-    if (list_devices) return print_devices(api);
-    if (device != "none") {
-      options.playback.emplace();
-      options.playback->device.api = api;
-      options.playback->device.name = device == "default" ? "" : device;
-      options.playback->device.rate_hz = options.rate_hz;
-      options.playback->lead_s = device_buffer_ms / 1000;
-      options.playback->device.ring_s = 2 * options.playback->lead_s + 0.1;
+    if (file.empty()) {
+      said.file = rustle::apps::default_configuration_file();
+    } else if (file != "none") {
+      said.file = file;
     }
-    return serve(std::move(options), log_level);
+    said.flags = settings.given();
+    if (!accept(settings.read(said.file))) return rustle::apps::kWrongUsage;
+    if (print) {
+      fmt::print("{}", settings.print());
+      return rustle::apps::kDone;
+    }
+    if (list_devices) return print_devices(configuration.audio_api);
+    return serve(configuration, said);
   } catch (const std::exception& error) {
     fmt::print(stderr, "rustled: {}\n", error.what());
     return rustle::apps::kFailed;

@@ -1,0 +1,97 @@
+#include "server/apps/configuration.h"
+
+#include <cstdlib>
+#include <vector>
+
+#include "server/wire/endpoint.h"
+
+namespace rustle::apps {
+namespace {
+
+/// An endpoint to bind, or nothing where that is allowed.
+Settings::Check bindable(std::string key, bool may_be_empty) {
+  return [key = std::move(key), may_be_empty](const std::string& endpoint) -> std::string {
+    if (may_be_empty && endpoint.empty()) return {};
+    const auto allowed = wire::check_bind_endpoint(endpoint, key);
+    return allowed ? std::string() : allowed.error();
+  };
+}
+
+std::string connectable(const std::string& endpoint) {
+  const auto allowed = wire::check_connect_endpoint(endpoint, "network.connect");
+  return allowed ? std::string() : allowed.error();
+}
+
+}  // namespace
+
+Settings settings_of(Configuration& configuration) {
+  Settings all("RUSTLED");
+  auto& daemon = configuration.daemon;
+
+  all.section("network", "Where simulators and listeners meet the daemon");
+  all.text("network.control", "--control", daemon.sockets.control, "Endpoint of requests, loopback tcp or ipc",
+           bindable("network.control", false));
+  all.text("network.stream", "--stream", daemon.sockets.stream, "Endpoint of frames, loopback tcp or ipc; \"\" for none",
+           bindable("network.stream", true));
+  all.text("network.out", "--out", daemon.sockets.out, "Endpoint of sound, loopback tcp or ipc",
+           bindable("network.out", false));
+  all.texts("network.connect", "--connect", daemon.sockets.connect,
+            "Subscribe to a simulator that publishes there; may be repeated", connectable);
+
+  all.section("sessions", "How many sheets at a time, and what they are given when they do not say");
+  all.integer("sessions.most", "--max-sessions", daemon.max_sessions, {1, 100000}, "Sessions at a time");
+  all.reloadable();
+  all.integer("sessions.workers", "--workers", daemon.analysis_workers, {1, 256}, "Analysis threads");
+
+  all.section("audio", "Sound of sessions that do not say otherwise, and the device that plays live ones");
+  all.number_of("audio.rate", "--rate", daemon.rate_hz, {44100, 48000, 96000}, "Sample rate of sessions that do not say");
+  all.integer("audio.block_size", "--block-size", daemon.block_size, {16, 8192},
+              "Samples in a block of sessions that do not say");
+  all.texts("audio.hrtf", "--hrtf", daemon.hrtfs,
+            "Whose ears hear binaural sessions that do not say: structural, kemar or a SOFA file, which sessions may then "
+            "name by its stem; may be repeated, the first is the default; kemar where installed");
+  all.text("audio.device", "--device", configuration.device,
+           "Where live sessions are also played: all or a part of a device's name, \"default\" or \"none\"");
+  all.choice("audio.api", "--audio-api", configuration.audio_api, {"auto", "pulse", "jack", "alsa"},
+             "How devices are spoken to");
+  all.real("audio.device_buffer_ms", "--device-buffer-ms", configuration.device_buffer_ms, {5, 500},
+           "Sound that waits for the device; more bridges longer stalls");
+
+  all.section("log", "What is told on standard error");
+  all.choice("log.level", "--log-level", configuration.log_level, {"debug", "info", "warning", "error", "off"},
+             "What is logged");
+  all.reloadable();
+  return all;
+}
+
+DaemonOptions daemon_options(const Configuration& configuration) {
+  DaemonOptions options = configuration.daemon;
+  if (configuration.device == "none") return options;
+  auto& playback = options.playback.emplace();
+  playback.device.api = sinks::audio_api_of(configuration.audio_api).value();
+  playback.device.name = configuration.device == "default" ? "" : configuration.device;
+  playback.device.rate_hz = options.rate_hz;
+  playback.lead_s = configuration.device_buffer_ms / 1000;
+  playback.device.ring_s = 2 * playback.lead_s + 0.1;
+  return options;
+}
+
+std::optional<std::filesystem::path> default_configuration_file() {
+  if (const char* named = std::getenv("RUSTLED_CONFIG")) {
+    return *named != '\0' ? std::optional<std::filesystem::path>(named) : std::nullopt;
+  }
+  std::vector<std::filesystem::path> places;
+  if (const char* own = std::getenv("XDG_CONFIG_HOME"); own != nullptr && *own != '\0') {
+    places.emplace_back(own);
+  } else if (const char* home = std::getenv("HOME")) {
+    places.emplace_back(std::filesystem::path(home) / ".config");
+  }
+  places.emplace_back("/etc");
+  for (const auto& place : places) {
+    std::error_code failed;
+    if (auto file = place / "rustle" / "rustled.toml"; std::filesystem::exists(file, failed)) return file;
+  }
+  return std::nullopt;
+}
+
+}  // namespace rustle::apps

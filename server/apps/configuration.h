@@ -1,0 +1,31 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "server/apps/daemon.h"
+#include "server/apps/settings.h"
+
+namespace rustle::apps {
+
+/// Everything rustled can be told.
+struct Configuration {
+  DaemonOptions daemon;
+  std::string log_level = "info";
+  std::string device = "default";  ///< of playback: all or a part of a name, "default", or "none"
+  std::string audio_api = "auto";
+  double device_buffer_ms = 30;
+};
+
+/// Declares every setting of `configuration`, which must outlive the result.
+Settings settings_of(Configuration& configuration);
+
+/// The daemon's options, playback among them.
+DaemonOptions daemon_options(const Configuration& configuration);
+
+/// The file that is read when none is named: RUSTLED_CONFIG (empty: none), $XDG_CONFIG_HOME/rustle/rustled.toml (~/.config
+/// without it), /etc/rustle/rustled.toml; the first that is there.
+std::optional<std::filesystem::path> default_configuration_file();
+
+}  // namespace rustle::apps
