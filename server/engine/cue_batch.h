@@ -15,6 +15,7 @@ struct CueBatch {
   synthesis::SampleTime horizon = 0;
   std::optional<sheet::SheetId> new_sheet;  ///< accepted with this item: the next one among the buses
   bool end = false;                         ///< nothing follows: after the horizon only tails sound
+  synthesis::SampleTime accepted_at = 0;    ///< first sample that it takes part in; set by who hands it to the render side
 };
 
 }  // namespace rustle::engine

@@ -12,30 +12,28 @@ namespace {
 
 using Seconds = std::chrono::duration<double>;
 
+/// A batch of cues, and where a recording says that it was accepted; else it is as soon as the horizon is reached.
+struct Planned {
+  engine::CueBatch cues;
+  std::optional<synthesis::SampleTime> accepted_at;
+};
+
 /// Reads items until the stream has ended, one batch of cues each.
 class AnalysisStage {
  public:
   AnalysisStage(const engine::Options& options, std::shared_ptr<pack::PackLibrary> packs, const OfflineEnds& ends)
       : ingest_(options, std::move(packs)), ends_(ends) {}
 
-  /// The next batch; nothing after the one that ends the stream.
-  std::optional<engine::CueBatch> next() {
+  /// The next batch; nothing after the last.
+  std::optional<Planned> next() {
+    if (ends_.next_directed) return next_directed();
     if (ended_) return std::nullopt;
     auto item = ends_.next();
     if (!item) item = engine::End{};
     ended_ = std::holds_alternative<engine::End>(*item);
-    const auto before = std::chrono::steady_clock::now();
-    engine::CueBatch batch;
-    const auto observed = ingest_.accept(*item, batch);
-    spent_s += Seconds(std::chrono::steady_clock::now() - before).count();
-    if (!observed) {
-      ++refused;
-      if (ends_.refused) ends_.refused(observed.error());
-    } else if (*observed) {
-      ++frames;
-      if (ends_.observed) ends_.observed(**observed);
-    }
-    return batch;
+    Planned planned;
+    take(*item, planned.cues);
+    return planned;
   }
 
   double spent_s = 0;
@@ -45,6 +43,31 @@ class AnalysisStage {
   synthesis::PlanCounters counters() const { return ingest_.counters(); }
 
  private:
+  std::optional<Planned> next_directed() {
+    const auto directed = ends_.next_directed();
+    if (!directed) return std::nullopt;
+    Planned planned;
+    planned.accepted_at = directed->accepted_at;
+    if (directed->mapping) ingest_.place(directed->mapping->first_time_s, directed->mapping->first_sample);
+    if (directed->earliest) ingest_.set_rendered(*directed->earliest);
+    if (const auto* item = std::get_if<engine::StreamItem>(&directed->what)) take(*item, planned.cues);
+    if (std::holds_alternative<FellQuiet>(directed->what)) ingest_.fall_quiet(planned.cues);
+    return planned;
+  }
+
+  void take(const engine::StreamItem& item, engine::CueBatch& cues) {
+    const auto before = std::chrono::steady_clock::now();
+    const auto observed = ingest_.accept(item, cues);
+    spent_s += Seconds(std::chrono::steady_clock::now() - before).count();
+    if (!observed) {
+      ++refused;
+      if (ends_.refused) ends_.refused(observed.error());
+    } else if (*observed) {
+      ++frames;
+      if (ends_.observed) ends_.observed(**observed);
+    }
+  }
+
   engine::Ingest ingest_;
   const OfflineEnds& ends_;
   bool ended_ = false;
@@ -53,13 +76,13 @@ class AnalysisStage {
 /// A bounded queue of batches between the two stages.
 class BatchQueue {
  public:
-  void push(std::optional<engine::CueBatch> batch) {
+  void push(std::optional<Planned> batch) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return batches_.size() < kDepth || abandoned_; });
     batches_.push_back(std::move(batch));
     changed_.notify_all();
   }
-  std::optional<engine::CueBatch> pop() {
+  std::optional<Planned> pop() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this] { return !batches_.empty(); });
     auto batch = std::move(batches_.front());
@@ -81,19 +104,32 @@ class BatchQueue {
   static constexpr std::size_t kDepth = 64;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<std::optional<engine::CueBatch>> batches_;
+  std::deque<std::optional<Planned>> batches_;
   bool abandoned_ = false;
 };
 
-/// Renders what one batch allows. False: the sink wants no more.
-bool render_batch(engine::Render& render, const engine::CueBatch& batch, engine::AudioQuantum& quantum,
-                  const OfflineEnds& ends) {
-  render.accept(batch);
-  while (render.position() + synthesis::kQuantum <= render.horizon() || (render.ending() && !render.complete())) {
+/// Renders on as long as `more` says. False: the sink wants no more.
+template <typename More>
+bool render_while(engine::Render& render, engine::AudioQuantum& quantum, const OfflineEnds& ends, const More& more) {
+  while (more()) {
     render.next(quantum);
     if (!ends.audio(quantum)) return false;
   }
   return true;
+}
+
+/// Renders what one batch allows. False: the sink wants no more.
+bool render_batch(engine::Render& render, const Planned& planned, engine::AudioQuantum& quantum, const OfflineEnds& ends) {
+  const auto whole_before = [&](synthesis::SampleTime sample) { return render.position() + synthesis::kQuantum <= sample; };
+  if (planned.accepted_at) {
+    const bool go_on =
+        render_while(render, quantum, ends, [&] { return whole_before(*planned.accepted_at) && !render.complete(); });
+    if (go_on) render.accept(planned.cues);
+    return go_on;
+  }
+  render.accept(planned.cues);
+  return render_while(render, quantum, ends,
+                      [&] { return whole_before(render.horizon()) || (render.ending() && !render.complete()); });
 }
 
 }  // namespace
@@ -104,11 +140,15 @@ OfflineSummary render_offline(const engine::Options& options, std::shared_ptr<pa
   engine::Render render(options);
   engine::AudioQuantum quantum = render.make_quantum();
   OfflineSummary summary;
-  const auto timed_render = [&](const engine::CueBatch& batch) {
+  bool wanted = true;
+  const auto timed = [&](const auto& rendering) {
     const auto before = std::chrono::steady_clock::now();
-    const bool go_on = render_batch(render, batch, quantum, ends);
+    wanted = rendering();
     summary.synthesis_s += Seconds(std::chrono::steady_clock::now() - before).count();
-    return go_on;
+    return wanted;
+  };
+  const auto timed_render = [&](const Planned& planned) {
+    return timed([&] { return render_batch(render, planned, quantum, ends); });
   };
 
   if (workers <= 1) {
@@ -145,6 +185,9 @@ OfflineSummary render_offline(const engine::Options& options, std::shared_ptr<pa
     stop();
     if (failure) std::rethrow_exception(failure);
   }
+  // A recording that holds its stream's end holds the tails as well.
+  if (wanted)
+    timed([&] { return render_while(render, quantum, ends, [&] { return render.ending() && !render.complete(); }); });
   summary.samples = render.position();
   summary.plan = analysis.counters();
   summary.render = render.counters();

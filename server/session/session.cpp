@@ -28,29 +28,32 @@ Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::P
       render_(engine_options(options_, hrtf)),
       quantum_(render_.make_quantum()),
       audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) *
-             static_cast<std::size_t>(channel_count(options_.channels))) {}
+             static_cast<std::size_t>(channel_count(options_.channels))) {
+  decisions_.keep(options_.record);
+}
 
-Offer Session::offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes) {
+Offer Session::offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes, std::uint64_t arrival) {
   const bool is_frame = std::holds_alternative<sheet::MeshFrame>(item);
   const bool is_end = std::holds_alternative<engine::End>(item);
   std::lock_guard lock(inbox_mutex_);
   ++counters_.items_received;
   if (is_frame) ++counters_.frames_received;
+  Waiting waiting{std::move(item), sequence, bytes, arrival};
   if (ended_) {
-    if (is_frame) ++counters_.frames_dropped["ended"];
+    drop(waiting, "ended");
     return Offer::kEnded;
   }
   if (is_frame && live()) skip_backlog(bytes);
   // A message larger than the inbox goes alone.
   const bool too_many_bytes = !inbox_.empty() && inbox_bytes_ + bytes > kInboxBytes;
   if (!is_end && (inbox_.size() >= kInboxMessages || too_many_bytes)) {
-    if (is_frame) ++counters_.frames_dropped["inbox"];
+    drop(waiting, "inbox");
     return Offer::kFull;
   }
   ended_ = is_end;
   if (is_frame) last_frame_ns_.store(clock_.now().count(), std::memory_order_relaxed);
   inbox_bytes_ += bytes;
-  inbox_.push_back({std::move(item), sequence, bytes});
+  inbox_.push_back(std::move(waiting));
   return Offer::kTaken;
 }
 
@@ -60,9 +63,14 @@ void Session::skip_backlog(std::size_t bytes) {
   for (; frames > 0 && (frames >= kBacklogBudget || inbox_bytes_ + bytes > kInboxBytes); --frames) {
     const auto oldest = std::find_if(inbox_.begin(), inbox_.end(), is_frame);
     inbox_bytes_ -= oldest->bytes;
+    drop(*oldest, "backlog");
     inbox_.erase(oldest);
-    ++counters_.frames_dropped["backlog"];
   }
+}
+
+void Session::drop(const Waiting& waiting, const std::string& cause) {
+  if (std::holds_alternative<sheet::MeshFrame>(waiting.item)) ++counters_.frames_dropped[cause];
+  decisions_.dropped(waiting.arrival, waiting.sequence, cause);
 }
 
 void Session::count_drop(const std::string& cause, std::uint64_t frames) {
@@ -74,9 +82,7 @@ void Session::count_drop(const std::string& cause, std::uint64_t frames) {
 
 void Session::discard() {
   std::lock_guard lock(inbox_mutex_);
-  for (const auto& waiting : inbox_) {
-    if (std::holds_alternative<sheet::MeshFrame>(waiting.item)) ++counters_.frames_dropped["discarded"];
-  }
+  for (const auto& waiting : inbox_) drop(waiting, "discarded");
   inbox_.clear();
   inbox_bytes_ = 0;
 }
@@ -131,12 +137,11 @@ Counters Session::counters() const {
 // ---------------------------------------------------------------------------------------------------- analysis worker
 
 bool Session::analyse() {
-  std::unique_ptr<engine::CueBatch> retired;
-  while (retired_.pop(retired)) retired.reset();
+  collect_retired();
   if (held_) hand_over(std::move(held_));
   if (held_) return false;
 
-  Waiting next{engine::End{}, 0, 0};
+  Waiting next{engine::End{}, 0, 0, 0};
   bool waiting = false;
   {
     std::lock_guard lock(inbox_mutex_);
@@ -150,10 +155,17 @@ bool Session::analyse() {
   }
   auto batch = std::make_unique<engine::CueBatch>();
   const std::int64_t rendered = rendered_.load(std::memory_order_acquire);
-  if (live()) ingest_.set_rendered(rendered + kQuantum);
+  Step step;
+  std::optional<engine::TimeMapping> mapping;
+  if (live()) {
+    step.earliest = rendered + kQuantum;
+    ingest_.set_rendered(*step.earliest);
+  }
   if (!waiting) {
     if (live() && quiet_.exchange(false)) {
       ingest_.fall_quiet(*batch);
+      step.what = FellQuiet{};
+      decisions_.taken(std::move(step));
       hand_over(std::move(batch));
     }
     return false;
@@ -168,11 +180,20 @@ bool Session::analyse() {
     const double delay = std::max<double>(*options_.playout_delay_s * options_.rate_hz, kQuantum);
     if (!placed_ || off > kStep_s * options_.rate_hz || off < -delay) {
       ingest_.place(frame->time_s, due);
+      mapping = engine::TimeMapping{frame->time_s, due, static_cast<double>(options_.rate_hz), *options_.playout_delay_s};
       origin_s_.store(frame->time_s - static_cast<double>(due) / options_.rate_hz);
     }
     placed_ = true;
   }
   auto observed = accept(next.item, *batch);
+  if (!observed && observed.error().cause == engine::Refusal::Cause::kFailed) {
+    step.what = Failed{next.arrival, next.sequence};
+  } else if (next.arrival == 0 && std::holds_alternative<engine::End>(next.item)) {
+    step.what = Ended{};
+  } else {
+    step.what = Given{next.arrival, next.sequence};
+  }
+  decisions_.taken(std::move(step), mapping);
   hand_over(std::move(batch));
 
   std::optional<observation::Observation> seen;
@@ -217,6 +238,14 @@ tl::expected<std::optional<observation::Observation>, engine::Refusal> Session::
   }
 }
 
+void Session::collect_retired() {
+  // Read first: what was accepted before it has been retired by then.
+  const std::int64_t rendered = rendered_.load(std::memory_order_acquire);
+  std::unique_ptr<engine::CueBatch> retired;
+  while (retired_.pop(retired)) decisions_.accepted(retired->accepted_at);
+  decisions_.rendered(rendered);
+}
+
 void Session::hand_over(std::unique_ptr<engine::CueBatch> batch) {
   const bool taken = batches_.push(std::move(batch));
   if (!taken) held_ = std::move(batch);
@@ -224,7 +253,7 @@ void Session::hand_over(std::unique_ptr<engine::CueBatch> batch) {
 }
 
 bool Session::wants_analysis() const {
-  if (quiet_.load()) return true;
+  if (quiet_.load() || decisions_.rendered_wanted() || (decisions_.kept() && !retired_.empty())) return true;
   std::lock_guard lock(inbox_mutex_);
   return !inbox_.empty() && !held_back();
 }
@@ -259,6 +288,7 @@ Session::RenderOutcome Session::render() {
     // What is left over waits for room on the listener's side.
     if (render_.position() + kQuantum <= render_.horizon()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
   }
+  outcome.wants_analysis |= decisions_.kept() && !retired_.empty();
   outcome.wants_analysis |= held_back() && render_.position() + kQuantum > render_.horizon();
   if (render_.ending() && !render_.complete()) {
     render_quanta_until(render_.position() + options_.rate_hz, outcome);
@@ -273,6 +303,7 @@ Session::RenderOutcome Session::render() {
 bool Session::take_batch() {
   std::unique_ptr<engine::CueBatch> batch;
   if (!batches_.pop(batch)) return false;
+  batch->accepted_at = render_.position();
   render_.accept(*batch);
   retired_.push(std::move(batch));
   return true;

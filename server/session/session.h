@@ -14,6 +14,7 @@
 #include "server/engine/ingest.h"
 #include "server/engine/render.h"
 #include "server/session/clock.h"
+#include "server/session/decision_log.h"
 #include "server/session/session_options.h"
 #include "server/session/spsc_ring.h"
 #include "sound_db/pack/library.h"
@@ -82,7 +83,11 @@ class Session {
 
   /// Takes an item that came in `bytes`. In a live session frames beyond the backlog budget, or beyond the inbox's bytes,
   /// push out the oldest waiting ones.
-  [[nodiscard]] Offer offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes = 0);
+  /// `arrival`: the number of its message in the order of arrival, by which decisions name it; 0: it came in none.
+  [[nodiscard]] Offer offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes = 0,
+                            std::uint64_t arrival = 0);
+  /// What the sound depends on besides what is offered. Kept from the beginning where options().record says so.
+  DecisionLog& decisions() { return decisions_; }
   /// Counts frames that were refused before they became items.
   void count_drop(const std::string& cause, std::uint64_t frames = 1);
   /// Drops what waits, counted.
@@ -130,6 +135,7 @@ class Session {
     engine::StreamItem item;
     std::uint64_t sequence;
     std::size_t bytes;
+    std::uint64_t arrival;
   };
   /// What the render side tells the network thread.
   struct RenderFigures {
@@ -137,11 +143,13 @@ class Session {
     std::int64_t settled_samples = 0;  ///< rendered, or ready to be
   };
 
-  void skip_backlog(std::size_t bytes);  // inbox_mutex_ is held
+  void skip_backlog(std::size_t bytes);                         // inbox_mutex_ is held
+  void drop(const Waiting& waiting, const std::string& cause);  // inbox_mutex_ is held
   bool live() const { return options_.clock == Clock::kLive; }
   std::int64_t live_target() const;
   tl::expected<std::optional<observation::Observation>, engine::Refusal> accept(const engine::StreamItem& item,
                                                                                 engine::CueBatch& batch);
+  void collect_retired();                                   // analysis worker
   void hand_over(std::unique_ptr<engine::CueBatch> batch);  // analysis worker
   bool take_batch();                                        // render worker
   void render_quanta_until(std::int64_t target, RenderOutcome& outcome);
@@ -170,6 +178,7 @@ class Session {
 
   SpscRing<std::unique_ptr<engine::CueBatch>> batches_{1024};
   SpscRing<std::unique_ptr<engine::CueBatch>> retired_{2048};
+  DecisionLog decisions_;
   std::unique_ptr<engine::CueBatch> held_;  // analysis worker: found the ring full
   std::atomic<bool> held_back_{false};
 

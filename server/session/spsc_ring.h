@@ -36,6 +36,9 @@ class SpscRing {
     return true;
   }
 
+  /// [any thread] What another thread does meanwhile may be seen or not.
+  bool empty() const noexcept { return head_.load(std::memory_order_acquire) == tail_.load(std::memory_order_acquire); }
+
  private:
   std::vector<T> slots_;
   alignas(64) std::atomic<std::size_t> head_{0};
