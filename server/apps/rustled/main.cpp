@@ -68,6 +68,9 @@ int serve(Configuration configuration, const Said& said) {
                folders);
     return apps::kFailed;
   }
+  std::signal(SIGINT, [](int) { g_stop.store(true); });
+  std::signal(SIGTERM, [](int) { g_stop.store(true); });
+  std::signal(SIGHUP, [](int) { g_reload.store(true); });
   auto daemon = apps::Daemon::open(apps::daemon_options(configuration), packs);
   if (!daemon) {
     fmt::print(stderr, "rustled: {}\n", daemon.error());
@@ -76,9 +79,6 @@ int serve(Configuration configuration, const Said& said) {
   const auto& sockets = (*daemon)->sockets();
   spdlog::info("control {}, stream {}, out {}", sockets.control_endpoint(), sockets.stream_endpoint(),
                sockets.out_endpoint());
-  std::signal(SIGINT, [](int) { g_stop.store(true); });
-  std::signal(SIGTERM, [](int) { g_stop.store(true); });
-  std::signal(SIGHUP, [](int) { g_reload.store(true); });
   (*daemon)->run(g_stop, [&] {
     if (g_reload.exchange(false)) reload(said, configuration, **daemon);
   });
