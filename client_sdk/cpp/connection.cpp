@@ -9,27 +9,16 @@ namespace {
 
 using internal::Link;
 
-constexpr const char* kClientName = "rustle C++ SDK 0.1.0";
-
 Error unexpected_answer() {
   return internal::local_error("malformed", "The daemon's answer is of another kind than what was asked.",
                                "Bring the older of SDK and daemon up to date.");
 }
 
 tl::expected<ServerInfo, Error> say_hello(Link& link) {
-  v1::ControlRequest request;
-  request.mutable_hello()->set_protocol_version(internal::kProtocolVersion);
-  request.mutable_hello()->set_client(kClientName);
+  v1::ControlRequest request = internal::hello();
   auto reply = link.ask(request);
   if (!reply) return tl::unexpected(std::move(reply.error()));
-  if (!reply->has_welcome()) return tl::unexpected(unexpected_answer());
-  if (reply->welcome().protocol_version() != internal::kProtocolVersion)
-    return tl::unexpected(internal::local_error("protocol_version",
-                                                "The daemon speaks version " +
-                                                    std::to_string(reply->welcome().protocol_version()) +
-                                                    ", this SDK version " + std::to_string(internal::kProtocolVersion) + ".",
-                                                "Bring the older of the two up to date."));
-  return internal::from_wire(reply->welcome());
+  return internal::read_welcome(*reply);
 }
 
 }  // namespace
@@ -45,12 +34,12 @@ tl::expected<Connection, Error> Connection::connect(const Endpoints& endpoints, 
   auto link = std::make_shared<Link>(std::move(context), std::move(*control), std::move(monitor), endpoints, timeout);
   auto server = say_hello(*link);
   if (!server) return tl::unexpected(std::move(server.error()));
-  link->server = std::move(*server);
+  link->set_server(std::move(*server));
   return Connection(std::move(link));
 }
 
-const ServerInfo& Connection::server() const {
-  return link_->server;
+ServerInfo Connection::server() const {
+  return link_->server();
 }
 
 tl::expected<void, Error> Connection::check() const {

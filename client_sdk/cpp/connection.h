@@ -16,6 +16,7 @@ class Link;
 }
 
 /// The control socket of a daemon: what is asked is answered. Copies share the connection. Any thread; requests take turns.
+/// By itself it comes back when the daemon does.
 class Connection {
  public:
   /// Says hello and waits for the welcome. `timeout` holds for this and every later request; a daemon that goes away is
@@ -24,7 +25,8 @@ class Connection {
   [[nodiscard]] static tl::expected<Connection, Error> connect(
       const Endpoints& endpoints = {}, std::chrono::milliseconds timeout = std::chrono::milliseconds(5'000));
 
-  const ServerInfo& server() const;
+  /// As the newest daemon said: one that a session found again may be another.
+  ServerInfo server() const;
 
   /// Whether the daemon is still there, without asking it: at once. Any thread.
   /// Error: "unreachable", soon after its connection broke and did not come back.

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "client_sdk/cpp/transport.h"
+#include "client_sdk/cpp/subscription.h"
 
 namespace rustle::client {
 namespace {
@@ -36,7 +36,7 @@ Observation from_wire(const v1::Observation& sent) {
 }  // namespace
 
 struct ObservationReader::Impl {
-  internal::Subscription subscription;
+  std::shared_ptr<internal::Subscription> subscription;
 };
 
 ObservationReader::ObservationReader(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -44,20 +44,31 @@ ObservationReader::ObservationReader(ObservationReader&&) noexcept = default;
 ObservationReader& ObservationReader::operator=(ObservationReader&&) noexcept = default;
 ObservationReader::~ObservationReader() = default;
 
-tl::expected<ObservationReader, Error> ObservationReader::listen(const Connection& connection,
-                                                                 const std::string& session_id) {
-  auto subscription = internal::Subscription::open(*connection.link(), session_id + "/observations", 0);
+tl::expected<ObservationReader, Error> ObservationReader::listen(const Connection& connection, const std::string& session_id,
+                                                                 bool reconnect) {
+  auto subscription =
+      internal::Subscription::open(connection.link(), session_id + "/observations", {.queue = 0, .reconnect = reconnect});
   if (!subscription) return tl::unexpected(std::move(subscription.error()));
   return ObservationReader(std::make_unique<Impl>(Impl{std::move(*subscription)}));
 }
 
 std::optional<Observation> ObservationReader::next(std::chrono::milliseconds timeout) {
   const auto deadline = internal::Clock::now() + timeout;
-  while (const auto body = impl_->subscription.next(deadline)) {
+  while (const auto body = impl_->subscription->next(deadline)) {
     v1::OutMessage message;
     if (message.ParseFromString(*body) && message.has_observation()) return from_wire(message.observation());
   }
   return std::nullopt;
+}
+
+tl::expected<void, Error> ObservationReader::check() const {
+  return impl_->subscription->check();
+}
+bool ObservationReader::is_heard() const {
+  return impl_->subscription->is_heard();
+}
+std::weak_ptr<internal::Subscription> ObservationReader::subscription() const {
+  return impl_->subscription;
 }
 
 }  // namespace rustle::client

@@ -14,6 +14,10 @@
 
 namespace rustle::client {
 
+namespace internal {
+class Subscription;
+}
+
 struct ObservedResonator {
   bool constrained = true;
   bool coarse = false;              ///< the mesh is too coarse there for the promised accuracy
@@ -49,24 +53,32 @@ struct Observation {
   std::vector<ObservedFriction> friction;
 };
 
-/// A session's observations as they come; frames in which nothing happened are not told. One thread at a time; may be
-/// another one than the session's.
+/// A session's observations as they come; frames in which nothing happened are not told. One thread at a time, which does
+/// all its work; may be another one than the session's.
 class ObservationReader {
  public:
   /// Returns when the daemon has seen the subscription: nothing that is sent to the session afterwards is missed.
+  /// `reconnect`: a daemon that has gone is waited for, instead of being an error of check().
+  /// Errors: "timeout", "unreachable".
   [[nodiscard]] static tl::expected<ObservationReader, Error> listen(const Connection& connection,
-                                                                     const std::string& session_id);
+                                                                     const std::string& session_id, bool reconnect = false);
 
   ObservationReader(ObservationReader&&) noexcept;
   ObservationReader& operator=(ObservationReader&&) noexcept;
   ~ObservationReader();
 
-  /// The next observation; empty when none came in time.
+  /// The next observation; empty when none came in time, or sooner where check() has an error.
   [[nodiscard]] std::optional<Observation> next(std::chrono::milliseconds timeout);
+  /// At once. Error: "unreachable": the daemon has gone, and is not waited for.
+  [[nodiscard]] tl::expected<void, Error> check() const;
+  /// Whether what the daemon publishes arrives here now. Any thread.
+  bool is_heard() const;
 
  private:
+  friend class Session;
   struct Impl;
   explicit ObservationReader(std::unique_ptr<Impl> impl);
+  std::weak_ptr<internal::Subscription> subscription() const;
   std::unique_ptr<Impl> impl_;
 };
 

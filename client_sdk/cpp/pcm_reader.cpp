@@ -2,15 +2,18 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <utility>
 
-#include "client_sdk/cpp/transport.h"
+#include "client_sdk/cpp/subscription.h"
 
 static_assert(std::endian::native == std::endian::little, "samples are copied as they come: little-endian");
 
 namespace rustle::client {
 namespace {
+
+constexpr int kLiveQueueMessages = 4096;
 
 std::string topic_of(const std::string& session_id, const ListenOptions& options) {
   std::string topic = session_id + "/pcm/";
@@ -52,10 +55,49 @@ bool read_samples(const v1::Pcm& pcm, std::vector<float>& out) {
 }  // namespace
 
 struct PcmReader::Impl {
-  internal::Subscription subscription;
-  std::optional<std::int64_t> next_sample;
+  std::shared_ptr<internal::Subscription> subscription;
+  bool simulation = false;
+  std::optional<std::int64_t> next_sample{};
+  double next_time_s = 0;
+  std::uint64_t sequence = 0;             ///< of the newest message with samples
+  internal::Clock::time_point arrived{};  ///< that message
+  bool ended = false;
   std::uint64_t missing_samples = 0;
   std::uint64_t unreadable = 0;
+
+  PcmBlock read_end(std::int64_t length) {
+    ended = true;
+    PcmBlock block;
+    block.first_sample = length;
+    block.end = true;
+    block.time_s = next_time_s;
+    if (next_sample && length > *next_sample) block.missing_samples = static_cast<std::uint64_t>(length - *next_sample);
+    missing_samples += block.missing_samples;
+    return block;
+  }
+
+  /// Samples between two daemons: by simulation time where sound follows it, else by the time that passed.
+  std::uint64_t away(const v1::Pcm& pcm, internal::Clock::time_point now) const {
+    const double gap_s = simulation ? pcm.time_s() - next_time_s : std::chrono::duration<double>(now - arrived).count();
+    const double samples = std::round(gap_s * pcm.rate_hz()) - (simulation ? 0.0 : pcm.samples());
+    return samples > 0 ? static_cast<std::uint64_t>(samples) : 0;
+  }
+
+  /// Where the block stands in the stream: what is missing before it, and whether another daemon sent it.
+  void place(const v1::OutMessage& message, PcmBlock& block) {
+    const v1::Pcm& pcm = message.pcm();
+    const auto now = internal::Clock::now();
+    if (next_sample) {
+      block.restarted = block.first_sample < *next_sample || (message.sequence() > 0 && message.sequence() <= sequence);
+      const std::uint64_t skipped =
+          block.restarted ? away(pcm, now) : static_cast<std::uint64_t>(block.first_sample - *next_sample);
+      block.missing_samples = std::max(block.missing_samples, skipped);
+    }
+    next_sample = block.first_sample + block.samples;
+    next_time_s = block.time_s + static_cast<double>(block.samples) / std::max<std::uint32_t>(1, block.rate_hz);
+    sequence = message.sequence();
+    arrived = now;
+  }
 
   std::optional<PcmBlock> read(const std::string& body) {
     v1::OutMessage message;
@@ -63,15 +105,7 @@ struct PcmReader::Impl {
       ++unreadable;
       return std::nullopt;
     }
-    if (message.has_end()) {
-      PcmBlock block;
-      block.first_sample = message.end().samples();
-      block.end = true;
-      if (next_sample && block.first_sample > *next_sample)
-        block.missing_samples = static_cast<std::uint64_t>(block.first_sample - *next_sample);
-      missing_samples += block.missing_samples;
-      return block;
-    }
+    if (message.has_end()) return read_end(message.end().samples());
     PcmBlock block;
     const v1::Pcm& pcm = message.pcm();
     if (!message.has_pcm() || !read_samples(pcm, block.interleaved)) {
@@ -93,10 +127,7 @@ struct PcmReader::Impl {
                                    .normal = from_wire(emitter.normal()),
                                    .last = emitter.last()};
     } else {
-      if (next_sample && block.first_sample > *next_sample)
-        block.missing_samples =
-            std::max(block.missing_samples, static_cast<std::uint64_t>(block.first_sample - *next_sample));
-      next_sample = block.first_sample + block.samples;
+      place(message, block);
     }
     missing_samples += block.missing_samples;
     return block;
@@ -109,22 +140,68 @@ PcmReader& PcmReader::operator=(PcmReader&&) noexcept = default;
 PcmReader::~PcmReader() = default;
 
 tl::expected<PcmReader, Error> PcmReader::listen(const Connection& connection, const std::string& session_id,
-                                                 const ListenOptions& options) {
+                                                 const ListenOptions& options, bool reconnect) {
+  return open(connection, session_id, options, reconnect, false);
+}
+
+tl::expected<PcmReader, Error> PcmReader::open(const Connection& connection, const std::string& session_id,
+                                               const ListenOptions& options, bool reconnect, bool simulation) {
   if (options.blocks < 1 || options.blocks > 4)
     return tl::unexpected(internal::local_error("invalid", "A message holds 1 to 4 blocks.", "Ask for 1 to 4.", "blocks"));
-  auto subscription =
-      internal::Subscription::open(*connection.link(), topic_of(session_id, options), options.queue_messages.value_or(4096));
+  const int queue = options.queue_messages.value_or(simulation ? 0 : kLiveQueueMessages);
+  auto subscription = internal::Subscription::open(connection.link(), topic_of(session_id, options),
+                                                   {.queue = queue, .reconnect = reconnect});
   if (!subscription) return tl::unexpected(std::move(subscription.error()));
-  return PcmReader(std::make_unique<Impl>(
-      Impl{.subscription = std::move(*subscription), .next_sample = {}, .missing_samples = 0, .unreadable = 0}));
+  return PcmReader(std::make_unique<Impl>(Impl{.subscription = std::move(*subscription), .simulation = simulation}));
 }
 
 std::optional<PcmBlock> PcmReader::next(std::chrono::milliseconds timeout) {
   const auto deadline = internal::Clock::now() + timeout;
-  while (const auto body = impl_->subscription.next(deadline)) {
+  while (const auto body = impl_->subscription->next(deadline)) {
     if (auto block = impl_->read(*body)) return block;
   }
   return std::nullopt;
+}
+
+tl::expected<Sound, Error> PcmReader::read_all(std::chrono::milliseconds timeout) {
+  const auto deadline = internal::Clock::now() + timeout;
+  Sound sound;
+  std::optional<std::int64_t> first = impl_->next_sample;
+  std::uint64_t length = 0;
+  while (!impl_->ended) {
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now());
+    const auto block = next(std::max(left, std::chrono::milliseconds(0)));
+    if (!block) {
+      if (auto there = check(); !there) return tl::unexpected(std::move(there.error()));
+      return tl::unexpected(
+          internal::local_error("timeout", "The stream did not end within " + std::to_string(timeout.count()) + " ms.",
+                                "End the session, or allow more time."));
+    }
+    if (!first) first = block->first_sample - static_cast<std::int64_t>(block->missing_samples);
+    if (!block->end) {
+      sound.channels = block->channels;
+      sound.rate_hz = block->rate_hz;
+    }
+    if (block->missing_samples > 0) {
+      sound.gaps.push_back({length, block->missing_samples});
+      length += block->missing_samples;
+      sound.interleaved.resize(length * sound.channels, 0.0f);
+    }
+    sound.interleaved.insert(sound.interleaved.end(), block->interleaved.begin(), block->interleaved.end());
+    length += block->samples;
+  }
+  sound.first_sample = first.value_or(0);
+  return sound;
+}
+
+tl::expected<void, Error> PcmReader::check() const {
+  return impl_->subscription->check();
+}
+bool PcmReader::is_heard() const {
+  return impl_->subscription->is_heard();
+}
+std::weak_ptr<internal::Subscription> PcmReader::subscription() const {
+  return impl_->subscription;
 }
 
 std::uint64_t PcmReader::missing_samples() const {

@@ -15,6 +15,10 @@
 
 namespace rustle::client {
 
+namespace internal {
+class Subscription;
+}
+
 enum class SampleFormat { kF32, kS16 };
 
 struct MixContent {};
@@ -48,35 +52,65 @@ struct PcmBlock {
   std::int64_t first_sample = 0;  ///< 0 is the session's time origin
   std::uint32_t rate_hz = 0;
   std::uint32_t channels = 0;
-  std::uint32_t samples = 0;          ///< per channel
-  std::uint64_t missing_samples = 0;  ///< lost before this block: a gap
-  double time_s = 0;                  ///< simulation time of the first sample
-  std::vector<float> interleaved{};   ///< [samples, channels]
+  std::uint32_t samples = 0;  ///< per channel
+  /// Lost before this block: a gap. At a restart on the LIVE clock: about so many, by when blocks were read.
+  std::uint64_t missing_samples = 0;
+  bool restarted = false;            ///< the first of a daemon that was started anew: first_sample counts from 0 again
+  double time_s = 0;                 ///< simulation time of the first sample
+  std::vector<float> interleaved{};  ///< [samples, channels]
   std::optional<EmitterState> emitter{};
   bool end = false;  ///< the stream is complete: no samples here, `first_sample` is its length
 };
 
-/// A session's sound, as it comes. One thread at a time; may be another one than the session's.
+/// Samples that were lost: silence in Sound::interleaved from sample `first` on, `samples` per channel.
+struct Gap {
+  std::uint64_t first = 0;
+  std::uint64_t samples = 0;
+};
+
+struct Sound {
+  std::vector<float> interleaved{};  ///< [samples, channels]
+  std::uint32_t channels = 0;
+  std::uint32_t rate_hz = 0;
+  std::int64_t first_sample = 0;  ///< of the stream; 0 is the session's time origin
+  std::vector<Gap> gaps{};
+};
+
+/// A session's sound, as it comes. One thread at a time, which does all its work; may be another one than the session's.
 class PcmReader {
  public:
   /// Returns when the daemon has seen the subscription: nothing that is sent to the session afterwards is missed.
   /// The session need not exist yet.
+  /// `reconnect`: a daemon that has gone is waited for, instead of being an error of check().
+  /// Errors: "invalid" (options), "timeout", "unreachable".
   [[nodiscard]] static tl::expected<PcmReader, Error> listen(const Connection& connection, const std::string& session_id,
-                                                             const ListenOptions& options = {});
+                                                             const ListenOptions& options = {}, bool reconnect = false);
 
   PcmReader(PcmReader&&) noexcept;
   PcmReader& operator=(PcmReader&&) noexcept;
   ~PcmReader();
 
-  /// The next block; empty when none came in time.
+  /// The next block; empty when none came in time, or sooner where check() has an error: everything that came before the
+  /// daemon went has been read then.
   [[nodiscard]] std::optional<PcmBlock> next(std::chrono::milliseconds timeout);
+  /// What is left until the stream's end, gaps silent and named. Errors: "timeout", "unreachable".
+  [[nodiscard]] tl::expected<Sound, Error> read_all(std::chrono::milliseconds timeout = std::chrono::minutes(1));
+  /// At once. Error: "unreachable": the daemon has gone, and is not waited for.
+  [[nodiscard]] tl::expected<void, Error> check() const;
+  /// Whether what the daemon publishes arrives here now. Any thread.
+  bool is_heard() const;
 
   std::uint64_t missing_samples() const;      ///< in all gaps so far
   std::uint64_t unreadable_messages() const;  ///< in a format this version does not know
 
  private:
+  friend class Session;
   struct Impl;
   explicit PcmReader(std::unique_ptr<Impl> impl);
+  /// `simulation`: sound follows simulation time, also from one daemon to the next.
+  static tl::expected<PcmReader, Error> open(const Connection& connection, const std::string& session_id,
+                                             const ListenOptions& options, bool reconnect, bool simulation);
+  std::weak_ptr<internal::Subscription> subscription() const;
   std::unique_ptr<Impl> impl_;
 };
 

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -12,6 +13,7 @@
 #include <tl/expected.hpp>
 
 #include "client_sdk/cpp/connection.h"
+#include "client_sdk/cpp/observation_reader.h"
 #include "client_sdk/cpp/pcm_reader.h"
 #include "client_sdk/cpp/types.h"
 
@@ -19,9 +21,16 @@ namespace rustle::client {
 
 enum class Sent {
   kQueued,   ///< on its way
-  kDropped,  ///< live clock only: the queue was full; counted
+  kDropped,  ///< live clock only: the queue was full, or the daemon is away; counted
 };
 using SendResult = tl::expected<Sent, Error>;
+
+struct AttachOptions {
+  /// What becomes of the session when the daemon goes away (see Session); absent: as its clock has it.
+  std::optional<bool> reconnect{};
+  /// Called with every notice, by the session's own calls and in their thread; poll_notices() has them too.
+  std::function<void(const Notice&)> on_notice{};
+};
 
 /// How raw() treats a message that was made elsewhere, such as one of a capture.
 struct RawOptions {
@@ -37,17 +46,35 @@ struct RawOptions {
 ///   for (double t = 0; t < 10; t += 1 / 60.0) session->frame(1, 1, t, simulate(t));
 ///   session->end();
 ///
-/// SIMULATION clock: every message waits until the daemon's window has room (FlowCredit), at most send_timeout.
+/// SIMULATION clock: every message waits until the daemon's window has room (FlowCredit), at most send_timeout; nothing is
+/// dropped.
 /// LIVE clock: frame(), tear_tips(), listener() and advance() never wait; when the queue to the daemon is full, the message
 /// is dropped and counted. Sheets, topologies, scenes and the end wait for room, at most send_timeout.
-/// Refused messages come back as notices: see poll_notices(). A daemon that goes away is an "unreachable" error within two
-/// seconds; a session that the daemon ended ("idle", or a daemon started anew) refuses whatever is sent after.
+/// Refused messages come back as notices: see poll_notices().
+///
+/// A daemon that goes away
+///   reconnect = false  is an "unreachable" error within two seconds; one that was started anew does not know the session:
+///                      "unknown_session".
+///   reconnect = true   is waited for. Whatever is sent to the daemon that came back goes on under the same session id: the
+///                      session attaches again and sends its sheets, topologies, scene and listener first.
+///                      LIVE: nothing waits and nothing is an error meanwhile; frames are dropped and counted. There is no
+///                      thread behind it: the calls themselves do the work, so it goes on as long as they come. What the new
+///                      daemon refuses for good, such as a material it does not have, is the error of every later call.
+///                      SIMULATION: calls wait, at most send_timeout. What the old daemon had acknowledged is not sent
+///                      again, what it had not acknowledged is; the new sound begins at the newest acknowledged time. What
+///                      had been acknowledged and not yet heard, and the motion's history, died with the old daemon: the
+///                      sound has one gap there (PcmBlock::restarted) and is no longer the same, bit for bit, as without the
+///                      restart.
+/// Unless told otherwise LIVE sessions reconnect and SIMULATION sessions, which promise the same samples, do not. Readers
+/// that the session opened do as the session does. A session that the daemon ended because nothing came ("idle") attaches
+/// again where it reconnects; one that somebody else detached is refused whatever it sends.
 class Session {
  public:
   /// Returns when the daemon's subscription to this session has arrived and the session's credits and notices are heard:
   /// nothing is lost at the start.
   /// Errors: the daemon's, "timeout", "invalid" (the daemon takes no streams: started with --connect only).
-  [[nodiscard]] static tl::expected<Session, Error> attach(const Connection& connection, const SessionOptions& options);
+  [[nodiscard]] static tl::expected<Session, Error> attach(const Connection& connection, const SessionOptions& options,
+                                                           const AttachOptions& how = {});
 
   Session(Session&&) noexcept;
   Session& operator=(Session&&) noexcept;
@@ -75,6 +102,8 @@ class Session {
 
   /// Subscribes and returns when that is in force: what is sent afterwards is heard whole.
   [[nodiscard]] tl::expected<PcmReader, Error> listen(const ListenOptions& options = {}) const;
+  /// What the daemon sees in the session's frames, from now on.
+  [[nodiscard]] tl::expected<ObservationReader, Error> observe() const;
 
   [[nodiscard]] tl::expected<Statistics, Error> statistics() const;
   [[nodiscard]] tl::expected<std::vector<Gain>, Error> set_gains(const std::vector<Gain>& gains) const;
@@ -90,9 +119,11 @@ class Session {
 
   void set_send_timeout(std::chrono::milliseconds timeout);  ///< 10 s unless set
   std::uint64_t sent_messages() const;
-  std::uint64_t dropped_messages() const;       ///< live clock
+  std::uint64_t dropped_messages() const;       ///< live clock: because the queue was full, or the daemon away
   std::uint64_t acknowledged_sequence() const;  ///< simulation clock
   std::uint64_t next_sequence() const;
+  bool connected() const;            ///< false while the daemon is away and waited for
+  std::uint64_t reattached() const;  ///< how often it attached again, to a daemon that came back without it
 
  private:
   struct Impl;

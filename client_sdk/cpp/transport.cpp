@@ -4,7 +4,6 @@
 #include <atomic>
 #include <cerrno>
 #include <cstring>
-#include <iterator>
 #include <utility>
 
 #include <zmq.h>
@@ -13,12 +12,37 @@
 
 namespace rustle::client {
 
-std::string to_string(const Error& error) {
-  std::string text = error.code_name;
-  if (!error.field.empty()) text += " in " + error.field;
-  text += ": " + error.message;
-  if (!error.remedy.empty()) text += " " + error.remedy;
+namespace {
+
+std::string sentence(const std::string& code, const std::string& field, const std::string& message,
+                     const std::string& remedy) {
+  std::string text = code;
+  if (!field.empty()) text += " in " + field;
+  text += ": " + message;
+  if (!remedy.empty()) text += " " + remedy;
   return text;
+}
+
+}  // namespace
+
+std::string to_string(const Error& error) {
+  return sentence(error.code_name, error.field, error.message, error.remedy);
+}
+
+std::string to_string(const Notice& notice) {
+  const std::string text = sentence(notice.code, notice.field, notice.message, notice.remedy);
+  return notice.count > 1 ? text + " (" + std::to_string(notice.count) + " times)" : text;
+}
+
+ErrorKind kind_of(const Error& error) {
+  if (error.code == v1::ERROR_CODE_UNKNOWN_SESSION || error.code_name == "idle" || error.code_name == "unknown_session")
+    return ErrorKind::kSessionLost;
+  if (error.code != 0) return ErrorKind::kRefused;
+  if (error.code_name == "invalid") return ErrorKind::kInvalidArgument;
+  if (error.code_name == "unreachable") return ErrorKind::kUnreachable;
+  if (error.code_name == "timeout") return ErrorKind::kTimedOut;
+  if (error.code_name == "closed") return ErrorKind::kClosed;
+  return ErrorKind::kOther;
 }
 
 std::vector<Figure> figures(const Statistics& statistics) {
@@ -32,15 +56,16 @@ std::vector<Figure> figures(const Statistics& statistics) {
 namespace internal {
 namespace {
 
+constexpr const char* kClientName = "rustle C++ SDK 0.1.0";
 constexpr int kLingerMs = 500;
 constexpr int kHandshakeMs = 2'000;
 constexpr int kHeartbeatMs = 200;
 constexpr int kHeartbeatTimeoutMs = 600;
 constexpr int kReconnectMs = 50;
-constexpr int kReconnectMaxMs = 500;
+constexpr int kReconnectMaxMs = 200;
 constexpr std::chrono::milliseconds kComesBackWithin{600};  ///< a broken connection, as kReconnectMaxMs allows
 constexpr std::chrono::milliseconds kLookEvery{50};
-constexpr int kMaxSockets = 256;  ///< of one connection: its sessions and readers
+constexpr int kMaxSockets = 512;  ///< of one connection: its sessions and readers
 
 std::string lower_code(int code) {
   const std::string name = v1::ErrorCode_Name(static_cast<v1::ErrorCode>(code));
@@ -67,14 +92,6 @@ bool set(void* socket, int option, int value) {
   return zmq_setsockopt(socket, option, &value, sizeof(value)) == 0;
 }
 
-/// Different for every call on this machine.
-std::string nonce() {
-  static std::atomic<std::uint64_t> calls{0};
-  const auto now = std::chrono::steady_clock::now().time_since_epoch().count();
-  const auto place = static_cast<unsigned long long>(reinterpret_cast<std::uintptr_t>(&calls));
-  return std::to_string(now) + "-" + std::to_string(place) + "-" + std::to_string(++calls);
-}
-
 bool send_message(void* socket, const google::protobuf::MessageLite& body, int flags) {
   zmq_msg_t message;
   const std::size_t size = body.ByteSizeLong();
@@ -90,6 +107,13 @@ int milliseconds_of(std::chrono::milliseconds timeout) {
 }
 
 }  // namespace
+
+std::string nonce() {
+  static std::atomic<std::uint64_t> calls{0};
+  const auto now = std::chrono::steady_clock::now().time_since_epoch().count();
+  const auto place = static_cast<unsigned long long>(reinterpret_cast<std::uintptr_t>(&calls));
+  return std::to_string(now) + "-" + std::to_string(place) + "-" + std::to_string(++calls);
+}
 
 Error local_error(std::string code_name, std::string message, std::string remedy, std::string field) {
   return {.code = 0,
@@ -113,6 +137,27 @@ ServerInfo from_wire(const v1::Welcome& welcome) {
           .out_endpoint = welcome.out_endpoint(),
           .rate_hz = welcome.rate_hz(),
           .block_size = welcome.block_size()};
+}
+
+v1::ControlRequest hello() {
+  v1::ControlRequest request;
+  request.mutable_hello()->set_protocol_version(kProtocolVersion);
+  request.mutable_hello()->set_client(kClientName);
+  return request;
+}
+
+tl::expected<ServerInfo, Error> read_welcome(const v1::ControlReply& reply) {
+  constexpr const char* kRemedy = "Bring the older of SDK and daemon up to date.";
+  if (!reply.has_welcome())
+    return tl::unexpected(local_error("malformed", "The daemon's answer is of another kind than what was asked.", kRemedy));
+  const std::uint32_t theirs = reply.welcome().protocol_version();
+  if (theirs == kProtocolVersion) return from_wire(reply.welcome());
+  Error error = local_error(
+      "protocol_version",
+      "The daemon speaks version " + std::to_string(theirs) + ", this SDK version " + std::to_string(kProtocolVersion) + ".",
+      kRemedy);
+  error.code = v1::ERROR_CODE_PROTOCOL_VERSION;
+  return tl::unexpected(std::move(error));
 }
 
 PackInfo from_wire(const v1::PackInfo& pack) {
@@ -327,6 +372,19 @@ void Socket::unsubscribe(std::string_view topic) const {
   zmq_setsockopt(handle_, ZMQ_UNSUBSCRIBE, topic.data(), topic.size());
 }
 
+void Socket::forget_unsent() const {
+  set(handle_, ZMQ_LINGER, 0);
+}
+void Socket::follow(const std::string& from, const std::string& to) const {
+  zmq_disconnect(handle_, from.c_str());
+  zmq_connect(handle_, to.c_str());
+}
+void Socket::attend() const {
+  int events = 0;
+  std::size_t size = sizeof(events);
+  zmq_getsockopt(handle_, ZMQ_EVENTS, &events, &size);
+}
+
 bool Socket::wait_subscribed(std::chrono::milliseconds timeout, std::vector<std::vector<std::string>>& early) const {
   const std::string topic = "subscribed/" + nonce();
   subscribe(topic);
@@ -396,41 +454,20 @@ tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
   }
 }
 
+ServerInfo Link::server() const {
+  const std::lock_guard lock(server_mutex_);
+  return server_;
+}
+
+void Link::set_server(ServerInfo server) {
+  const std::lock_guard lock(server_mutex_);
+  server_ = std::move(server);
+}
+
 void Link::tell(v1::ControlRequest& request) {
   const std::lock_guard lock(mutex_);
   request.set_request_id(next_request_++);
   control_.send(request, std::chrono::milliseconds(0));
-}
-
-tl::expected<Subscription, Error> Subscription::open(Link& link, const std::string& topic, int queue) {
-  const std::string endpoint = link.out_endpoint();
-  if (endpoint.empty())
-    return tl::unexpected(local_error("unreachable", "The daemon names no endpoint to listen at.", "Give Endpoints::out."));
-  auto socket = Socket::connect(link.context(), Socket::Role::kListener, endpoint, {.send = 0, .receive = queue});
-  if (!socket) return tl::unexpected(std::move(socket.error()));
-  Subscription made(std::move(*socket));
-  made.socket_.subscribe(topic);
-  std::vector<std::vector<std::string>> early;
-  if (!made.socket_.wait_subscribed(link.timeout(), early))
-    return tl::unexpected(local_error("timeout", "The daemon did not confirm the subscription at " + endpoint + " in time.",
-                                      "Check that the out endpoint can be reached from here."));
-  made.early_.assign(std::make_move_iterator(early.begin()), std::make_move_iterator(early.end()));
-  return made;
-}
-
-std::optional<std::string> Subscription::next(Clock::time_point deadline) {
-  for (;;) {
-    std::vector<std::string> parts;
-    if (!early_.empty()) {
-      parts = std::move(early_.front());
-      early_.pop_front();
-    } else {
-      parts = socket_.receive_until(deadline);
-      if (parts.empty()) return std::nullopt;
-    }
-    if (parts.size() == 2) return std::move(parts[1]);
-    ++malformed_;
-  }
 }
 
 }  // namespace internal

@@ -2,10 +2,8 @@
 
 #include <chrono>
 #include <cstdint>
-#include <deque>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,12 +24,18 @@ using Clock = std::chrono::steady_clock;
 Error local_error(std::string code_name, std::string message, std::string remedy, std::string field = {});
 Error from_wire(const v1::Error& error);
 ServerInfo from_wire(const v1::Welcome& welcome);
+v1::ControlRequest hello();
+/// Error: "malformed" (another answer), "protocol_version".
+tl::expected<ServerInfo, Error> read_welcome(const v1::ControlReply& reply);
 PackInfo from_wire(const v1::PackInfo& pack);
 Statistics from_wire(const v1::Statistics& statistics);
 Gain from_wire(const v1::Gain& gain);
 void to_wire(const Gain& gain, v1::Gain* out);
 std::string_view kind_name(SoundKind kind);
 SoundKind kind_from_name(std::string_view name);
+
+/// Different for every call on this machine.
+std::string nonce();
 
 /// A ZeroMQ context, shared by everything that came of one connection.
 class Context {
@@ -98,6 +102,12 @@ class Socket {
   bool send(const google::protobuf::MessageLite& only, std::chrono::milliseconds timeout) const;
   void subscribe(std::string_view topic) const;
   void unsubscribe(std::string_view topic) const;
+  /// Closing drops what is still queued.
+  void forget_unsent() const;
+  /// Goes from one endpoint to another.
+  void follow(const std::string& from, const std::string& to) const;
+  /// Does what other threads have left to this socket, such as subscribing at a daemon that came back.
+  void attend() const;
 
   /// Listener: waits until the daemon has all subscriptions made so far; what else arrives meanwhile is appended to `early`.
   [[nodiscard]] bool wait_subscribed(std::chrono::milliseconds timeout, std::vector<std::vector<std::string>>& early) const;
@@ -127,11 +137,12 @@ class Link {
   const std::shared_ptr<Context>& context() const { return context_; }
   const std::string& control_endpoint() const { return endpoints_.control; }
   std::chrono::milliseconds timeout() const { return timeout_; }
-  /// The caller's choice, or the daemon's.
-  std::string stream_endpoint() const { return endpoints_.stream.empty() ? server.stream_endpoint : endpoints_.stream; }
-  std::string out_endpoint() const { return endpoints_.out.empty() ? server.out_endpoint : endpoints_.out; }
-
-  ServerInfo server;  ///< set once, by Connection::connect
+  /// What the newest welcome said. Any thread.
+  ServerInfo server() const;
+  void set_server(ServerInfo server);
+  /// The caller's choice, or the daemon's. Any thread.
+  std::string stream_endpoint() const { return endpoints_.stream.empty() ? server().stream_endpoint : endpoints_.stream; }
+  std::string out_endpoint() const { return endpoints_.out.empty() ? server().out_endpoint : endpoints_.out; }
 
  private:
   std::shared_ptr<Context> context_;
@@ -141,25 +152,8 @@ class Link {
   const Endpoints endpoints_;
   const std::chrono::milliseconds timeout_;
   std::uint64_t next_request_ = 1;
-};
-
-/// One topic of the out socket. One thread at a time.
-class Subscription {
- public:
-  /// Returns when the daemon has the subscription: what is published from then on is not missed. `queue` messages wait here;
-  /// 0: no limit.
-  [[nodiscard]] static tl::expected<Subscription, Error> open(Link& link, const std::string& topic, int queue);
-
-  /// The next message's body; empty when none came by then.
-  std::optional<std::string> next(Clock::time_point deadline);
-  std::uint64_t malformed() const { return malformed_; }
-
- private:
-  explicit Subscription(Socket socket) : socket_(std::move(socket)) {}
-
-  Socket socket_;
-  std::deque<std::vector<std::string>> early_;
-  std::uint64_t malformed_ = 0;
+  mutable std::mutex server_mutex_;
+  ServerInfo server_{};
 };
 
 }  // namespace rustle::client::internal

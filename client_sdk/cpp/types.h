@@ -27,6 +27,17 @@ struct Error {
 /// "timeout: no answer from ...".
 std::string to_string(const Error& error);
 
+enum class ErrorKind {
+  kInvalidArgument,  ///< an argument that cannot be sent; nothing was sent
+  kUnreachable,      ///< nobody answers at the endpoint, or the daemon is gone
+  kTimedOut,         ///< the daemon is there, but what was waited for did not come in time
+  kRefused,          ///< the daemon said no
+  kSessionLost,      ///< the daemon no longer has the session: it was started anew, or ended it because nothing came
+  kClosed,           ///< the session was detached on this side
+  kOther,            ///< such as "malformed", "too_large"
+};
+ErrorKind kind_of(const Error& error);
+
 /// Where the daemon is. Empty: asked from the daemon.
 struct Endpoints {
   std::string control = "tcp://127.0.0.1:7390";
@@ -239,5 +250,8 @@ struct Notice {
   std::uint64_t sequence = 0;  ///< of the message it is about; 0: none
   std::uint64_t count = 1;     ///< how often since the last notice of this code
 };
+
+/// "not_finite in frame.positions: Vertex 3 is nan. Stop there. (2 times)".
+std::string to_string(const Notice& notice);
 
 }  // namespace rustle::client

@@ -230,7 +230,9 @@ int run(const ReplayArguments& arguments) {
 
   auto connection = client::Connection::connect({arguments.control, {}, {}});
   if (!connection) return complain(client::to_string(connection.error()) + " Start one with `rustled`.", kFailed);
-  auto session = client::Session::attach(*connection, attach_options(arguments, *selection));
+  // A replay that lost a part would be no replay.
+  auto session =
+      client::Session::attach(*connection, attach_options(arguments, *selection), {.reconnect = false, .on_notice = {}});
   if (!session)
     return complain(client::to_string(session.error()),
                     session.error().code_name == "unknown_material" ? kWrongUsage : kFailed);

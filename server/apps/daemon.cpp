@@ -26,6 +26,7 @@ constexpr int kBlocksAtATime = 256;
 constexpr std::size_t kNameBytes = 64;  // of a session id that is made from its client's name
 constexpr seconds kFinishedKept{30};
 constexpr seconds kIdleKept{300};
+constexpr seconds kGoneKept{10};    // a live session whose client has gone without a word, and did not come back
 constexpr double kRestart_s = 0.5;  // a publisher whose time goes back by more has started again
 
 wire::ErrorCode code_of(engine::Refusal::Cause cause) {
@@ -489,6 +490,12 @@ void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
 // ---------------------------------------------------------------------------------------------------------------- out
 
 void Daemon::handle(wire::SubscriptionChanged& event) {
+  constexpr std::string_view kNotices = "/notices";  // a client listens to them as long as it lives
+  if (std::string_view(event.topic).ends_with(kNotices)) {
+    Guest* told = guest(event.topic.substr(0, event.topic.size() - kNotices.size()));
+    if (told != nullptr) told->client_left = event.on ? std::nullopt : std::optional(clock_->now());
+    return;
+  }
   const auto topic = wire::parse_pcm_topic(event.topic);
   if (!topic) return;
   Guest* heard = guest(topic->session_id);
@@ -644,7 +651,10 @@ void Daemon::let_go() {
   }
   for (auto entry = guests_.begin(); entry != guests_.end();) {
     Guest& kept = *entry->second;
-    if (!kept.finished && !kept.detached && now - kept.last_heard > kIdleKept) end_idle(kept);
+    const bool live = kept.session->options().clock == session::Clock::kLive;
+    const bool gone = live && kept.client_left && now - std::max(*kept.client_left, kept.last_heard) > kGoneKept;
+    const auto limit = gone ? kGoneKept : kIdleKept;
+    if (!kept.finished && !kept.detached && now - kept.last_heard > limit) end_idle(kept, limit);
     if (kept.finished && kept.goodbyes.empty() && (kept.detached || now - kept.finished_at > kFinishedKept)) {
       scheduler_->remove(*kept.session);
       if (playback_ && kept.played) playback_->end(*kept.played);
@@ -655,10 +665,10 @@ void Daemon::let_go() {
   }
 }
 
-void Daemon::end_idle(Guest& idle) {
+void Daemon::end_idle(Guest& idle, std::chrono::seconds after) {
   notify(idle, {wire::ErrorCode::kIdle,
                 "stream",
-                fmt::format("The session \"{}\" has ended: nothing came for {} s.", idle.session->id(), kIdleKept.count()),
+                fmt::format("The session \"{}\" has ended: nothing came for {} s.", idle.session->id(), after.count()),
                 "Attach again; while a simulation pauses, send a frame or an advance now and then.",
                 0,
                 std::nullopt,

@@ -95,6 +95,7 @@ class Daemon {
     std::map<std::string, std::uint64_t> out_sequence;  ///< by topic, of what is not PCM
     std::map<std::string, NoticeTally> notices;         ///< by code
     Instant last_heard{}, finished_at{}, credited_at{};
+    std::optional<Instant> client_left{};  ///< since nobody listens to its notices any more
     bool finished = false;
     std::vector<Goodbye> goodbyes;
   };
@@ -133,7 +134,7 @@ class Daemon {
   void publish_end(Guest& guest);
   void acknowledge(Guest& guest);
   void let_go();
-  void end_idle(Guest& idle);
+  void end_idle(Guest& idle, std::chrono::seconds after);
   wire::Statistics statistics(const Guest& guest) const;
 
   const DaemonOptions options_;

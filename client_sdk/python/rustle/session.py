@@ -27,6 +27,7 @@ from .types import (Array, Clock, Contacts, Floats, Gain, Notice, NoticeLevel, O
 from .v1 import audio_pb2, session_pb2
 
 _NOTICES_KEPT = 1024
+_PUT_OFF = 256  #: messages kept while a daemon is away; beyond them, what stands is told instead
 _DROPPABLE = ("frame", "tear_tips", "listener", "advance")  #: may be left out rather than waited for on the LIVE clock
 _LOG_LEVELS = {NoticeLevel.INFO: logging.INFO, NoticeLevel.WARNING: logging.WARNING, NoticeLevel.ERROR: logging.ERROR}
 _STEP_S = 0.005
@@ -108,6 +109,7 @@ class Session:
         self._recovering_since = 0.0
         self._standing = Standing()
         self._pending: collections.deque[session_pb2.StreamMessage] = collections.deque()
+        self._tell_all = False  # more was put off than _pending keeps
         self._gains: list[Gain] = []
         self._readers: weakref.WeakSet[PcmReader | ObservationReader] = weakref.WeakSet()
         self._failure: RustleError | None = None
@@ -480,6 +482,9 @@ class Session:
             self._recovery = None
             if done.value is not None:
                 self._begin_again(done.value)
+            elif self._tell_all:
+                self._pending = collections.deque(self._standing.messages())
+            self._tell_all = False
         except RustleError as error:
             self._recovery = None
             self._failure = error
@@ -501,6 +506,14 @@ class Session:
             self._take(parts)
         away_s = time.monotonic() - self._recovering_since
         _log.warning("session %s: attached again; the daemon was away for %.1f s", self._id, away_s)
+
+    def _put_off(self, message: session_pb2.StreamMessage) -> None:
+        """Keeps for a daemon that is away."""
+        if self._recovery is not None and len(self._pending) >= _PUT_OFF:
+            self._tell_all = True
+            self._pending.clear()
+        if not self._tell_all:
+            self._pending.append(message)
 
     def _send_pending(self) -> None:
         while self._recovery is None and self._pending and self._send_now(self._pending[0], keep_sequence=False):
@@ -545,7 +558,7 @@ class Session:
                 return Sent.DROPPED
             if not self.connected and body in ("sheet", "topology", "scene"):
                 self._standing.take(message)  # told when the session attaches again
-                self._pending.append(message)  # or here, where the daemon had the session all the time
+                self._put_off(message)  # or here, where the daemon had the session all the time
                 return Sent.QUEUED
         self._wait_until(lambda: self.connected and self._send_now(message, keep_sequence), self.send_timeout_s)
         if self._reconnect and not self._is_simulation:

@@ -79,7 +79,8 @@ class Standing:
             if moved.obstacle_id in self._obstacles:
                 self._obstacles[moved.obstacle_id].pose.CopyFrom(moved.pose)
         for deformed in update.vertices:
-            if deformed.obstacle_id in self._obstacles:
-                self._obstacles[deformed.obstacle_id].mesh.vertices = deformed.vertices
+            known = self._obstacles.get(deformed.obstacle_id)
+            if known is not None and known.HasField("mesh"):
+                known.mesh.vertices = deformed.vertices
         for obstacle_id in update.removed_obstacle_ids:
             self._obstacles.pop(obstacle_id, None)

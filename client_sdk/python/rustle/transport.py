@@ -318,17 +318,17 @@ class Subscription:
                 raise Closed("closed", "The reader was closed.", "Listen again.")
             with self._lock:
                 parts = self._early.pop(0) if self._early else receive(self._socket)
-                if len(parts) == 2:
-                    return parts[1]
-                if parts:
-                    continue
-                if time.monotonic() >= deadline:
-                    return None
-                if self._socket.poll(milliseconds_until(deadline)):
-                    continue
+            if len(parts) == 2:
+                return parts[1]
+            if parts:
+                continue
             if gone_is_error:
                 self._link.check()
             self._follow()
+            if time.monotonic() >= deadline:
+                return None
+            with self._lock:
+                self._socket.poll(milliseconds_until(deadline))
 
     def _follow(self) -> None:
         """To where a daemon that came back publishes."""

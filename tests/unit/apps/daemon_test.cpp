@@ -6,6 +6,7 @@
 #include <functional>
 #include <thread>
 
+#include "client_sdk/cpp/attachment.h"
 #include "client_sdk/cpp/session.h"
 #include "client_sdk/sheets/demos.h"
 #include "server/apps/daemon.h"
@@ -72,12 +73,12 @@ bool wait_until(const std::function<bool()>& condition) {
   return false;
 }
 
-client::Session attach(const client::Connection& connection, client::Clock clock) {
+client::Session attach(const client::Connection& connection, client::Clock clock, const client::AttachOptions& how = {}) {
   client::SessionOptions options;
   options.name = "sheet";
   options.clock = clock;
   options.sheets = {client::SheetOptions{}};
-  auto session = client::Session::attach(connection, options);
+  auto session = client::Session::attach(connection, options, how);
   if (!session) FAIL(client::to_string(session.error()));
   return std::move(*session);
 }
@@ -103,7 +104,7 @@ void play(client::Session& session, const sheets::AnimatedSheet& sheet, int fram
 TEST_CASE("a session that falls silent is ended, and told so", "[apps]") {
   const RunningDaemon daemon("idle");
   const auto connection = daemon.connect();
-  client::Session session = attach(connection, client::Clock::kLive);
+  client::Session session = attach(connection, client::Clock::kLive, {.reconnect = false});
   REQUIRE(session.advance(1).has_value());
   REQUIRE(wait_until([&] { return session.statistics()->messages_received == 1; }));
   daemon.clock->forward(290);
@@ -120,6 +121,28 @@ TEST_CASE("a session that falls silent is ended, and told so", "[apps]") {
   CHECK_FALSE(notices[0].remedy.empty());
   CHECK(wait_until([&] { return connection.list_sessions()->empty(); }));
   CHECK(session.advance(2).error().code_name == "idle");
+}
+
+TEST_CASE("a live session whose client was killed ends soon, and one that is silent does not", "[apps]") {
+  const RunningDaemon daemon("killed");
+  const auto asking = daemon.connect();
+  client::Session silent = attach(asking, client::Clock::kLive);
+  {
+    // Of a killed client the connections are gone, and nothing was said.
+    rustle::v1::ControlRequest request;
+    request.mutable_attach()->mutable_options()->set_clock(rustle::v1::CLOCK_LIVE);
+    request.set_session_id("killed");
+    REQUIRE(asking.link()->ask(request).has_value());
+    auto streams = client::internal::StreamOpening::begin(*asking.link(), "killed", client::Clock::kLive);
+    REQUIRE(streams.has_value());
+    REQUIRE(wait_until([&] { return streams->step(); }));
+  }
+  std::this_thread::sleep_for(200ms);
+  CHECK(asking.list_sessions()->size() == 2);
+  daemon.clock->forward(15);
+  REQUIRE(wait_until([&] { return asking.list_sessions()->size() == 1; }));
+  CHECK(asking.list_sessions()->front().session_id == silent.id());
+  CHECK(silent.advance(1).has_value());
 }
 
 TEST_CASE("the figures of a detach account for everything that was sent", "[apps]") {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstring>
 #include <functional>
@@ -26,19 +27,21 @@ class FakeDaemon {
     std::uint32_t window_messages = 4;
     std::uint64_t window_bytes = 0;
     bool acknowledges = true;
-    bool knows_sessions = true;     ///< false: answers for none, as a daemon that was started anew
+    bool knows_sessions = true;     ///< false: only those attached here, as a daemon that was started anew
     std::string error_on_attach{};  ///< refused with this message
+    std::string stream = "tcp://127.0.0.1:*", out = "tcp://127.0.0.1:*";
   };
 
   explicit FakeDaemon(Behaviour behaviour, const std::string& control = "tcp://127.0.0.1:*")
       : behaviour_(std::move(behaviour)) {
     wire::Sockets::Options options;
     options.control = control;
-    options.stream = behaviour_.takes_streams ? "tcp://127.0.0.1:*" : "";
-    options.out = "tcp://127.0.0.1:*";
+    options.stream = behaviour_.takes_streams ? behaviour_.stream : "";
+    options.out = behaviour_.out;
     options.stream_queue_messages = 16;
     sockets_ = std::move(*wire::Sockets::open(options));
     acknowledges_ = behaviour_.acknowledges;
+    knows_session_ = behaviour_.knows_sessions;
     thread_ = std::thread([this] { run(); });
   }
   ~FakeDaemon() {
@@ -58,6 +61,8 @@ class FakeDaemon {
                              {sequence, behaviour_.window_messages, behaviour_.window_bytes}));
   }
   void set_acknowledges(bool on) { acknowledges_ = on; }
+  /// As if the session had ended.
+  void forget_session() { knows_session_ = false; }
   /// False: the network thread stands still.
   void set_running(bool on) { running_ = on; }
 
@@ -68,6 +73,19 @@ class FakeDaemon {
   std::size_t received_count() const {
     const std::lock_guard lock(mutex_);
     return received_.size();
+  }
+  /// Of the newest attach.
+  session::SessionOptions attached_options() const {
+    const std::lock_guard lock(mutex_);
+    return attached_options_;
+  }
+  std::size_t attached_sheets() const {
+    const std::lock_guard lock(mutex_);
+    return attached_sheets_;
+  }
+  std::size_t asked_count(const std::string& what) const {
+    const std::lock_guard lock(mutex_);
+    return static_cast<std::size_t>(std::count(asked_.begin(), asked_.end(), what));
   }
   /// Of the newest detach.
   std::uint64_t last_sequence() const {
@@ -132,6 +150,12 @@ class FakeDaemon {
         reply(error);
         return;
       }
+      knows_session_ = true;
+      {
+        const std::lock_guard lock(mutex_);
+        attached_options_ = attach->options;
+        attached_sheets_ = attach->sheets.size();
+      }
       wire::Attached attached{.session_id = "s1", .options = attach->options, .credit = {}};
       attached.options.rate_hz = 48'000;
       attached.options.block_size = 128;
@@ -149,7 +173,7 @@ class FakeDaemon {
       statistics.messages_received = received_count();
       statistics.frames_dropped["late"] = 2;
       reply(wire::Detached{statistics});
-    } else if (std::holds_alternative<wire::GetStatisticsRequest>(request->body) && !behaviour_.knows_sessions) {
+    } else if (std::holds_alternative<wire::GetStatisticsRequest>(request->body) && !knows_session_) {
       wire::Error error;
       error.code = wire::ErrorCode::kUnknownSession;
       error.message = "There is no such session.";
@@ -159,6 +183,7 @@ class FakeDaemon {
       statistics.session_id = request->session_id;
       reply(statistics);
     } else if (const auto* gains = std::get_if<wire::SetGainsRequest>(&request->body)) {
+      note("gains");
       reply(wire::GainsSet{gains->gains});
     } else if (std::holds_alternative<wire::ListPacksRequest>(request->body)) {
       wire::PackInfo pack;
@@ -190,10 +215,12 @@ class FakeDaemon {
 
   const Behaviour behaviour_;
   std::unique_ptr<wire::Sockets> sockets_;
-  std::atomic<bool> stop_{false}, acknowledges_{true}, running_{true};
+  std::atomic<bool> stop_{false}, acknowledges_{true}, running_{true}, knows_session_{true};
   mutable std::mutex mutex_;
   std::vector<v1::StreamMessage> received_{};
   std::vector<std::string> asked_{};
+  session::SessionOptions attached_options_{};
+  std::size_t attached_sheets_ = 0;
   std::uint64_t last_sequence_ = 0;
   std::thread thread_;
 };

@@ -18,7 +18,8 @@ Connection connect(const FakeDaemon& daemon) {
 
 std::string pcm(std::int64_t first_sample, const std::vector<float>& samples, wire::PcmFormat format = wire::PcmFormat::kF32,
                 std::uint64_t missing = 0) {
-  return wire::encode_pcm({.session_id = "s1", .sequence = 1},
+  static std::uint64_t sequence = 0;
+  return wire::encode_pcm({.session_id = "s1", .sequence = ++sequence},
                           {.first_sample = first_sample,
                            .rate_hz = 48'000,
                            .channels = 2,

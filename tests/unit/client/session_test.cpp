@@ -29,12 +29,12 @@ Connection connect(const FakeDaemon& daemon, std::chrono::milliseconds timeout =
   return *connection;
 }
 
-Session attach(const Connection& connection, Clock clock) {
+Session attach(const Connection& connection, Clock clock, const AttachOptions& how = {}) {
   SessionOptions options;
   options.name = "test";
   options.clock = clock;
   options.sheets = {SheetOptions{}};
-  auto session = Session::attach(connection, options);
+  auto session = Session::attach(connection, options, how);
   if (!session) FAIL(to_string(session.error()));
   return std::move(*session);
 }
@@ -338,6 +338,36 @@ TEST_CASE("notices come to their session", "[client]") {
   CHECK(session.poll_notices().empty());
 }
 
+TEST_CASE("notices are told to who asked for it, by the session's own calls", "[client]") {
+  FakeDaemon daemon({});
+  std::vector<Notice> told;
+  Session session = attach(connect(daemon), Clock::kLive,
+                           {.reconnect = {}, .on_notice = [&](const Notice& notice) { told.push_back(notice); }});
+  wire::Error error;
+  error.code = wire::ErrorCode::kNotFinite;
+  error.field = "frame.positions";
+  error.message = "Vertex 3 is nan.";
+  error.remedy = "Stop there.";
+  daemon.post(wire::notices_topic("s1"),
+              wire::encode_notice({.session_id = "s1", .sequence = 1}, wire::notice_of(error, 2)));
+  REQUIRE(daemon.wait_until([&] { return session.advance(1).has_value() && !told.empty(); }));
+  CHECK(told.size() == 1);
+  CHECK(to_string(told[0]) == "not_finite in frame.positions: Vertex 3 is nan. Stop there. (2 times)");
+  CHECK(session.poll_notices().size() == 1);
+}
+
+TEST_CASE("kinds of errors", "[client]") {
+  const auto kind = [](int code, const char* name) { return kind_of({.code = code, .code_name = name}); };
+  CHECK(kind(0, "invalid") == ErrorKind::kInvalidArgument);
+  CHECK(kind(0, "unreachable") == ErrorKind::kUnreachable);
+  CHECK(kind(0, "timeout") == ErrorKind::kTimedOut);
+  CHECK(kind(0, "closed") == ErrorKind::kClosed);
+  CHECK(kind(0, "malformed") == ErrorKind::kOther);
+  CHECK(kind(0, "idle") == ErrorKind::kSessionLost);
+  CHECK(kind(v1::ERROR_CODE_UNKNOWN_SESSION, "unknown_session") == ErrorKind::kSessionLost);
+  CHECK(kind(v1::ERROR_CODE_UNKNOWN_MATERIAL, "unknown_material") == ErrorKind::kRefused);
+}
+
 TEST_CASE("a session is detached once, by itself if need be", "[client]") {
   FakeDaemon daemon({});
   const Connection connection = connect(daemon);
@@ -394,7 +424,7 @@ TEST_CASE("a daemon that goes away is noticed, and named", "[client]") {
     ends_by_itself([&] { return session.drain(1h); });
   }
   SECTION("by live frames, which wait for nothing") {
-    Session session = attach(connection, Clock::kLive);
+    Session session = attach(connection, Clock::kLive, {.reconnect = false});
     REQUIRE(session.add_topology(topology()).has_value());
     ends_by_itself([&] {
       SendResult sent = session.frame(1, 7, 0, kPositions);
@@ -434,7 +464,7 @@ TEST_CASE("a daemon that was started anew does not know the session", "[client]"
 
 TEST_CASE("a session that the daemon ended takes no more messages", "[client]") {
   FakeDaemon daemon({});
-  Session session = attach(connect(daemon), Clock::kLive);
+  Session session = attach(connect(daemon), Clock::kLive, {.reconnect = false});
   wire::Error error;
   error.code = wire::ErrorCode::kIdle;
   error.field = "stream";
@@ -447,6 +477,7 @@ TEST_CASE("a session that the daemon ended takes no more messages", "[client]") 
   REQUIRE_FALSE(sent.has_value());
   CHECK(sent.error().code_name == "idle");
   CHECK(sent.error().remedy == "Attach again.");
+  CHECK(kind_of(sent.error()) == ErrorKind::kSessionLost);
 }
 
 TEST_CASE("who detaches says what was sent last", "[client]") {
