@@ -133,9 +133,8 @@ class FrictionNoise final : public RenderModel {
         rest_(bins_),
         own_(bins_),
         way_(bins_),
-        way_own_(bins_),
+        ear_(bins_),
         response_(bins_),
-        shared_(static_cast<std::size_t>(channels_), ComplexBins(bins_)),
         spectra_(static_cast<std::size_t>(channels_) * kHopParts, ComplexBins(bins_)),
         sources_(static_cast<std::size_t>(options.max_friction_sources)),
         amplitudes_(sources_.size() * history_) {
@@ -335,53 +334,64 @@ class FrictionNoise final : public RenderModel {
     return count;
   }
 
-  /// Paths whose delays have the same whole share one transfer function.
+  /// The paths of a source to the spectra of their parts. Those that left at the same time have the source's phases of then
+  /// in common.
   void add_paths(const Source& source, const spatial::Emitter& emitter, const AcousticScene& scene,
                  std::int64_t block) noexcept {
     Ways ways;
     const std::size_t count = find_ways(source, emitter, scene, ways);
     for (std::size_t p = 0; p < count; ++p) {
       if (!ways[p].heard) continue;
-      const std::size_t back = ways[p].back, part = ways[p].part;
-      const auto sent = static_cast<std::uint64_t>(block - static_cast<std::int64_t>(back));
-      for (ComplexBins& transfer : shared_) set_zero(transfer);
-      for (std::size_t q = p; q < count; ++q) {
-        if (!ways[q].heard || ways[q].back != back || ways[q].part != part) continue;
-        ways[q].heard = false;
-        add_way(source, ways[q], dsp::hash(phases_of(source), sent, kImagePhases + q));
-      }
+      const auto sent = static_cast<std::uint64_t>(block - static_cast<std::int64_t>(ways[p].back));
       const std::uint64_t seed = dsp::hash(phases_of(source), sent);
-      for (int c = 0; c < channels_; ++c) {
-        add_turned(seed, source.emission, shared_[static_cast<std::size_t>(c)], spectrum(c, part));
+      const std::uint64_t own_seed = dsp::hash(phases_of(source), sent, kImagePhases + p);
+      if (hrtf_) {
+        add_heard(source, ways[p], seed, own_seed);
+      } else {
+        add_free(source, ways[p], seed, own_seed);
       }
-      made_[part] = true;
+      made_[ways[p].part] = true;
     }
   }
 
-  /// What of a path shares the direct path's phases goes to shared_, the rest under its own straight to the output.
-  void add_way(const Source& source, const Way& way, std::uint64_t own_seed) noexcept {
+  /// One way as microphones hear it.
+  void add_free(const Source& source, const Way& way, std::uint64_t seed, std::uint64_t own_seed) noexcept {
+    for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
+      ComplexBins& out = spectrum(static_cast<int>(c), way.part);
+      const double turn = radians_per_bin(way.rest_s[c]);
+      if (way.spread_s > kLeastSpread_s) {
+        add_turned_delayed(seed, own_seed, source.emission, way.gain[c], turn, radians_per_bin(way.spread_s), out);
+      } else {
+        add_turned_delayed(seed, source.emission, way.gain[c], turn, out);
+      }
+    }
+  }
+
+  /// One way as the ears of a head hear it.
+  void add_heard(const Source& source, const Way& way, std::uint64_t seed, std::uint64_t own_seed) noexcept {
     const bool extended = way.spread_s > kLeastSpread_s;
     if (extended) coherence(radians_per_bin(way.spread_s), gamma_, rest_);
     for (std::size_t c = 0; c < static_cast<std::size_t>(channels_); ++c) {
-      ComplexBins& shared = hrtf_ ? way_ : shared_[c];
-      if (hrtf_) set_zero(way_);
+      ComplexBins& out = spectrum(static_cast<int>(c), way.part);
+      const double turn = radians_per_bin(way.rest_s[c]);
+      set_zero(way_);
       if (extended) {
         set_zero(own_);
-        add_delayed(way.gain[c], radians_per_bin(way.rest_s[c]), gamma_, rest_, shared, own_);
+        add_delayed(way.gain[c], turn, gamma_, rest_, way_, own_);
       } else {
-        add_delayed(way.gain[c], radians_per_bin(way.rest_s[c]), shared);
+        add_delayed(way.gain[c], turn, way_);
       }
-      if (hrtf_) {
-        respond(way.place, static_cast<int>(c));
-        add_product(response_, way_, shared_[c]);
-      }
-      if (!extended) continue;
-      if (hrtf_) {
-        set_zero(way_own_);
-        add_product(response_, own_, way_own_);
-      }
-      add_turned(own_seed, source.emission, hrtf_ ? way_own_ : own_, spectrum(static_cast<int>(c), way.part));
+      respond(way.place, static_cast<int>(c));
+      add_responding(seed, source.emission, way_, out);
+      if (extended) add_responding(own_seed, source.emission, own_, out);
     }
+  }
+
+  /// A transfer function through the ear in response_.
+  void add_responding(std::uint64_t seed, const float* emission, const ComplexBins& transfer, ComplexBins& out) noexcept {
+    set_zero(ear_);
+    add_product(response_, transfer, ear_);
+    add_turned(seed, emission, ear_, out);
   }
 
   /// The ear's response to a direction, in response_.
@@ -424,8 +434,7 @@ class FrictionNoise final : public RenderModel {
   dsp::RealFft fft_;
   std::vector<float> window_;
   RealBins gamma_, rest_;
-  ComplexBins own_, way_, way_own_, response_;
-  std::vector<ComplexBins> shared_;     ///< per channel: transfer function of the paths that share phases
+  ComplexBins own_, way_, ear_, response_;
   std::vector<ComplexBins> spectra_;    ///< [channel][part of a hop] of the block and sheet in the making
   std::array<bool, kHopParts> made_{};  ///< which parts are not empty
   std::vector<Source> sources_;

@@ -41,19 +41,23 @@ void make_rotor(double amplitude, double radians_per_bin, Rotor& rotor) noexcept
   rotor.turn_im = static_cast<float>(s);
 }
 
+/// The rotor, two groups further.
+inline __attribute__((always_inline)) void turn(Rotor& r) noexcept {
+  for (int k = 0; k < 2; ++k) {
+    const BinLanes re{r.re[k].at * r.turn_re - r.im[k].at * r.turn_im};
+    r.im[k].at = r.re[k].at * r.turn_im + r.im[k].at * r.turn_re;
+    r.re[k] = re;
+  }
+}
+
 /// Runs `sink(group, re, im)` over all groups. Two groups at a time: one waits for the other's turn.
 template <class Sink>
 inline __attribute__((always_inline)) void rotate(const Rotor& rotor, std::size_t groups, const Sink& sink) noexcept {
-  BinLanes a = rotor.re[0], b = rotor.im[0], c = rotor.re[1], d = rotor.im[1];
-  const float p = rotor.turn_re, q = rotor.turn_im;
+  Rotor now = rotor;
   for (std::size_t g = 0; g < groups; g += 2) {
-    sink(g, a, b);
-    sink(g + 1, c, d);
-    const BinLanes next_a{a.at * p - b.at * q}, next_c{c.at * p - d.at * q};
-    b.at = a.at * q + b.at * p;
-    d.at = c.at * q + d.at * p;
-    a = next_a;
-    c = next_c;
+    sink(g, now.re[0], now.im[0]);
+    sink(g + 1, now.re[1], now.im[1]);
+    turn(now);
   }
 }
 
@@ -83,17 +87,43 @@ RUSTLE_SIMD void add_rotating(const Rotor& rotor, const BinLanes* gamma, const B
       });
 }
 
-RUSTLE_SIMD void fill_falling(const BinLanes& first, const BinLanes& first_ratio, float shrink, std::size_t groups,
-                              BinLanes* gamma, BinLanes* rest) noexcept {
-  BinLanes value = first, ratio = first_ratio;
-  for (std::size_t g = 0; g < groups; ++g) {
-    gamma[g] = value;
-    BinLanes own{1.0F - value.at * value.at};
-    square_root(own);
-    rest[g] = own;
-    value.at *= ratio.at;
-    ratio.at *= shrink;
+/// gamma_k of the groups one after the other: gamma of the group that comes, and what leads to the next.
+struct Falling {
+  BinLanes value, ratio;
+  float shrink = 0;
+};
+
+Falling make_falling(double x) noexcept {
+  const double first = std::exp(-0.5 * x * x), step = first * first;
+  double shrink = first;  // first^(2 kBinLanes)
+  for (std::size_t k = 1; k < 2 * kBinLanes; k *= 2) shrink *= shrink;
+  double power = first;  // first^(kBinLanes²)
+  for (std::size_t k = 1; k < kBinLanes * kBinLanes; k *= 2) power *= power;
+  Falling out;
+  double v = 1, fall = first, r = power;
+  for (std::size_t j = 0; j < kBinLanes; ++j) {
+    out.value.at[j] = static_cast<float>(v);
+    out.ratio.at[j] = static_cast<float>(r);
+    v *= fall;
+    fall *= step;
+    r *= shrink;
   }
+  out.shrink = static_cast<float>(power * power);
+  return out;
+}
+
+/// gamma and rest of the group that comes; goes on to the next.
+inline __attribute__((always_inline)) void next(Falling& falling, BinLanes& gamma, BinLanes& rest) noexcept {
+  gamma = falling.value;
+  rest.at = 1.0F - gamma.at * gamma.at;
+  square_root(rest);
+  falling.value.at *= falling.ratio.at;
+  falling.ratio.at *= falling.shrink;
+}
+
+RUSTLE_SIMD void fill_falling(const Falling& first, std::size_t groups, BinLanes* gamma, BinLanes* rest) noexcept {
+  Falling falling = first;
+  for (std::size_t g = 0; g < groups; ++g) next(falling, gamma[g], rest[g]);
 }
 
 RUSTLE_SIMD void add_product_groups(const BinLanes* a, const BinLanes* b, const BinLanes* p, const BinLanes* q,
@@ -104,25 +134,119 @@ RUSTLE_SIMD void add_product_groups(const BinLanes* a, const BinLanes* b, const 
   }
 }
 
-RUSTLE_SIMD void add_turned_groups(std::uint64_t seed, const float* e, const BinLanes* a, const BinLanes* b,
-                                   std::size_t groups, BinLanes* re, BinLanes* im) noexcept {
-  const auto low = static_cast<std::uint32_t>(seed), high = static_cast<std::uint32_t>(seed >> 32);
-  Words draws{};
-  for (std::size_t j = 0; j < kBinLanes; ++j) draws[j] = static_cast<std::uint32_t>(j) * kStride + low;
-  for (std::size_t first = 0; first < groups; first += kDraws, draws += kDraws * kStride) {
-    Words bits = (draws ^ (draws >> 16)) * 0x85EBCA6BU + high;
+/// Two random bits per bin for kDraws groups at a time, each drawn from (seed, bin) alone.
+class QuarterTurns {
+ public:
+  explicit inline __attribute__((always_inline)) QuarterTurns(std::uint64_t seed) noexcept
+      : high_(static_cast<std::uint32_t>(seed >> 32)) {
+    for (std::size_t j = 0; j < kBinLanes; ++j)
+      draws_[j] = static_cast<std::uint32_t>(j) * kStride + static_cast<std::uint32_t>(seed);
+  }
+  /// Bits of the next kDraws groups, the first group's lowest.
+  inline __attribute__((always_inline)) void draw(Words& bits) noexcept {
+    bits = (draws_ ^ (draws_ >> 16)) * 0x85EBCA6BU + high_;
     bits = (bits ^ (bits >> 13)) * 0xC2B2AE35U;
     bits ^= bits >> 16;
+    draws_ += kDraws * kStride;
+  }
+
+ private:
+  Words draws_{};
+  std::uint32_t high_;
+};
+
+/// x + i y turned by as many quarters as the lowest two bits say.
+inline __attribute__((always_inline)) void turn_quarters(const BinLanes& x, const BinLanes& y, const Words& bits,
+                                                         BinLanes& re, BinLanes& im) noexcept {
+  const Words p = reinterpret_cast<Words>(x.at), q = reinterpret_cast<Words>(y.at);
+  const Words quarter = -(bits & 1U), half = bits << 31, sign = (bits << 30) & 0x80000000U;
+  const Words exchanged = (p ^ q) & quarter;
+  re.at = reinterpret_cast<Lanes>(p ^ exchanged ^ sign ^ half);
+  im.at = reinterpret_cast<Lanes>(q ^ exchanged ^ sign);
+}
+
+inline __attribute__((always_inline)) void load(BinLanes& out, const float* from) noexcept {
+  std::memcpy(&out.at, from, sizeof out.at);
+}
+
+RUSTLE_SIMD void add_turned_groups(std::uint64_t seed, const float* e, const BinLanes* a, const BinLanes* b,
+                                   std::size_t groups, BinLanes* re, BinLanes* im) noexcept {
+  QuarterTurns turns(seed);
+  for (std::size_t first = 0; first < groups; first += kDraws) {
+    Words bits;
+    turns.draw(bits);
     const std::size_t end = std::min(groups, first + kDraws);
     for (std::size_t g = first; g < end; ++g, bits >>= 2) {
-      BinLanes magnitude;
-      std::memcpy(&magnitude.at, e + g * kBinLanes, sizeof magnitude.at);
-      const BinLanes x{magnitude.at * a[g].at}, y{magnitude.at * b[g].at};
-      const Words p = reinterpret_cast<Words>(x.at), q = reinterpret_cast<Words>(y.at);
-      const Words quarter = -(bits & 1U), half = bits << 31, sign = (bits << 30) & 0x80000000U;
-      const Words u = p ^ ((p ^ q) & quarter), v = q ^ ((p ^ q) & quarter);
-      re[g].at += reinterpret_cast<Lanes>(u ^ sign ^ half);
-      im[g].at += reinterpret_cast<Lanes>(v ^ sign);
+      BinLanes magnitude, u, v;
+      load(magnitude, e + g * kBinLanes);
+      turn_quarters({magnitude.at * a[g].at}, {magnitude.at * b[g].at}, bits, u, v);
+      re[g].at += u.at;
+      im[g].at += v.at;
+    }
+  }
+}
+
+RUSTLE_SIMD void add_turned_level(std::uint64_t seed, const float* e, float amplitude, std::size_t groups, BinLanes* re,
+                                  BinLanes* im) noexcept {
+  QuarterTurns turns(seed);
+  for (std::size_t first = 0; first < groups; first += kDraws) {
+    Words bits;
+    turns.draw(bits);
+    const std::size_t end = std::min(groups, first + kDraws);
+    for (std::size_t g = first; g < end; ++g, bits >>= 2) {
+      BinLanes x, u, v;
+      load(x, e + g * kBinLanes);
+      x.at *= amplitude;
+      turn_quarters(x, {}, bits, u, v);
+      re[g].at += u.at;
+      im[g].at += v.at;
+    }
+  }
+}
+
+RUSTLE_SIMD void add_turned_rotor(std::uint64_t seed, const float* e, const Rotor& rotor, std::size_t groups, BinLanes* re,
+                                  BinLanes* im) noexcept {
+  QuarterTurns turns(seed);
+  Rotor now = rotor;
+  for (std::size_t first = 0; first < groups; first += kDraws) {
+    Words bits;
+    turns.draw(bits);
+    const std::size_t end = std::min(groups, first + kDraws);
+    for (std::size_t g = first; g < end; g += 2) {
+      for (std::size_t k = 0; k < 2; ++k, bits >>= 2) {
+        BinLanes magnitude, u, v;
+        load(magnitude, e + (g + k) * kBinLanes);
+        turn_quarters({magnitude.at * now.re[k].at}, {magnitude.at * now.im[k].at}, bits, u, v);
+        re[g + k].at += u.at;
+        im[g + k].at += v.at;
+      }
+      turn(now);
+    }
+  }
+}
+
+RUSTLE_SIMD void add_turned_falling(std::uint64_t seed, std::uint64_t own_seed, const float* e, const Rotor& rotor,
+                                    const Falling& coherence, std::size_t groups, BinLanes* re, BinLanes* im) noexcept {
+  QuarterTurns turns(seed), own_turns(own_seed);
+  Rotor now = rotor;
+  Falling falling = coherence;
+  for (std::size_t first = 0; first < groups; first += kDraws) {
+    Words bits, own_bits;
+    turns.draw(bits);
+    own_turns.draw(own_bits);
+    const std::size_t end = std::min(groups, first + kDraws);
+    for (std::size_t g = first; g < end; g += 2) {
+      for (std::size_t k = 0; k < 2; ++k, bits >>= 2, own_bits >>= 2) {
+        BinLanes magnitude, gamma, rest, u, v, own_u, own_v;
+        load(magnitude, e + (g + k) * kBinLanes);
+        next(falling, gamma, rest);
+        const BinLanes x{magnitude.at * now.re[k].at}, y{magnitude.at * now.im[k].at};
+        turn_quarters(x, y, bits, u, v);
+        turn_quarters(x, y, own_bits, own_u, own_v);
+        re[g + k].at += gamma.at * u.at + rest.at * own_u.at;
+        im[g + k].at += gamma.at * v.at + rest.at * own_v.at;
+      }
+      turn(now);
     }
   }
 }
@@ -135,21 +259,7 @@ void set_zero(ComplexBins& out) noexcept {
 }
 
 void coherence(double x, RealBins& gamma, RealBins& rest) noexcept {
-  const double first = std::exp(-0.5 * x * x), step = first * first;
-  double shrink = first;  // first^(2 kBinLanes)
-  for (std::size_t k = 1; k < 2 * kBinLanes; k *= 2) shrink *= shrink;
-  double power = first;  // first^(kBinLanes²)
-  for (std::size_t k = 1; k < kBinLanes * kBinLanes; k *= 2) power *= power;
-  BinLanes value, ratio;
-  double v = 1, fall = first, r = power;
-  for (std::size_t j = 0; j < kBinLanes; ++j) {
-    value.at[j] = static_cast<float>(v);
-    ratio.at[j] = static_cast<float>(r);
-    v *= fall;
-    fall *= step;
-    r *= shrink;
-  }
-  fill_falling(value, ratio, static_cast<float>(power * power), gamma.value.size(), gamma.value.data(), rest.value.data());
+  fill_falling(make_falling(x), gamma.value.size(), gamma.value.data(), rest.value.data());
 }
 
 void add_delayed(double amplitude, double radians_per_bin, ComplexBins& out) noexcept {
@@ -176,6 +286,24 @@ void add_product(const ComplexBins& a, const ComplexBins& b, ComplexBins& out) n
 
 void add_turned(std::uint64_t seed, const float* magnitudes, const ComplexBins& transfer, ComplexBins& out) noexcept {
   add_turned_groups(seed, magnitudes, transfer.re.data(), transfer.im.data(), out.re.size(), out.re.data(), out.im.data());
+}
+
+void add_turned_delayed(std::uint64_t seed, const float* magnitudes, double amplitude, double radians_per_bin,
+                        ComplexBins& out) noexcept {
+  if (radians_per_bin == 0) {
+    add_turned_level(seed, magnitudes, static_cast<float>(amplitude), out.re.size(), out.re.data(), out.im.data());
+    return;
+  }
+  Rotor rotor;
+  make_rotor(amplitude, radians_per_bin, rotor);
+  add_turned_rotor(seed, magnitudes, rotor, out.re.size(), out.re.data(), out.im.data());
+}
+
+void add_turned_delayed(std::uint64_t seed, std::uint64_t own_seed, const float* magnitudes, double amplitude,
+                        double radians_per_bin, double x, ComplexBins& out) noexcept {
+  Rotor rotor;
+  make_rotor(amplitude, radians_per_bin, rotor);
+  add_turned_falling(seed, own_seed, magnitudes, rotor, make_falling(x), out.re.size(), out.re.data(), out.im.data());
 }
 
 }  // namespace rustle::synthesis

@@ -52,4 +52,15 @@ void add_product(const ComplexBins& a, const ComplexBins& b, ComplexBins& out) n
 void add_turned(std::uint64_t seed, const float* magnitudes, const ComplexBins& transfer,
                 ComplexBins& out) noexcept RUSTLE_NONBLOCKING;
 
+/// out_k += magnitudes_k amplitude exp(-i k radians_per_bin) P_k: add_delayed and add_turned in one pass.
+/// \pre magnitudes has out.count() elements
+void add_turned_delayed(std::uint64_t seed, const float* magnitudes, double amplitude, double radians_per_bin,
+                        ComplexBins& out) noexcept RUSTLE_NONBLOCKING;
+
+/// The same of a path whose coherence with the direct one falls with frequency, gamma_k and rest_k as coherence(x) has them:
+///   out_k += magnitudes_k amplitude exp(-i k radians_per_bin) (gamma_k P_k + rest_k Q_k),   Q_k drawn from (own_seed, k)
+/// \pre magnitudes has out.count() elements
+void add_turned_delayed(std::uint64_t seed, std::uint64_t own_seed, const float* magnitudes, double amplitude,
+                        double radians_per_bin, double x, ComplexBins& out) noexcept RUSTLE_NONBLOCKING;
+
 }  // namespace rustle::synthesis

@@ -98,3 +98,35 @@ TEST_CASE("A product adds to what is there") {
   set_zero(out);
   CHECK(std::abs(at(out, 63)) == 0);
 }
+
+TEST_CASE("What is delayed and turned in one pass is what is delayed, then turned") {
+  std::vector<float> magnitudes(kBins);
+  for (std::size_t k = 0; k < kBins; ++k) magnitudes[k] = 1.0F / static_cast<float>(k + 1);
+  constexpr std::uint64_t kSeed = 0x1234'5678'9abc'def0ULL, kOwnSeed = 77;
+  const auto worst = [&](const ComplexBins& a, const ComplexBins& b) {
+    double most = 0;
+    for (std::size_t k = 0; k < kBins; ++k) most = std::max(most, std::abs(at(a, k) - at(b, k)));
+    return most;
+  };
+  for (const double step : {0.0, 0.02, -0.3}) {
+    ComplexBins delayed(kBins), wanted(kBins), out(kBins);
+    add_delayed(0.7, step, delayed);
+    add_turned(kSeed, magnitudes.data(), delayed, wanted);
+    add_turned_delayed(kSeed, magnitudes.data(), 0.7, step, out);
+    CHECK(worst(out, wanted) < 1e-6);
+    // And on top of what is there.
+    add_turned_delayed(kSeed, magnitudes.data(), 0.7, step, out);
+    add_turned(kSeed, magnitudes.data(), delayed, wanted);
+    CHECK(worst(out, wanted) < 1e-6);
+
+    RealBins gamma(kBins), rest(kBins);
+    coherence(0.01, gamma, rest);
+    ComplexBins shared(kBins), own(kBins), apart(kBins), together(kBins);
+    add_delayed(0.7, step, gamma, rest, shared, own);
+    add_turned(kSeed, magnitudes.data(), shared, apart);
+    add_turned(kOwnSeed, magnitudes.data(), own, apart);
+    add_turned_delayed(kSeed, kOwnSeed, magnitudes.data(), 0.7, step, 0.01, together);
+    CHECK(worst(together, apart) < 1e-6);
+    CHECK(worst(together, out) > 1e-3);
+  }
+}
