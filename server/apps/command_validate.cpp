@@ -17,7 +17,7 @@ namespace rustle::apps {
 namespace {
 
 struct ValidateArguments {
-  std::string pack = "printer-paper", report, against;
+  std::string pack = "printer-paper", report, against, manifest;
   std::vector<std::string> only;
   std::uint64_t seed = 1;
   int workers = 0;
@@ -80,6 +80,14 @@ int run(const ValidateArguments& arguments) {
   setting.workers =
       arguments.workers > 0 ? arguments.workers : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   setting.recordings = arguments.against;
+  setting.recordings_manifest = arguments.manifest;
+  if (!arguments.manifest.empty() && arguments.against.empty())
+    return complain("--manifest says what recordings are: name their folder with --against", kWrongUsage);
+  if (!arguments.manifest.empty() && !std::filesystem::is_regular_file(arguments.manifest))
+    return complain(fmt::format("--manifest {}: there is no such file; `rustle pack build --print-manifest` writes one to "
+                                "fill in",
+                                arguments.manifest),
+                    kWrongUsage);
   if (!arguments.against.empty() && !std::filesystem::is_directory(arguments.against)) {
     return complain(fmt::format("--against {}: there is no such folder", arguments.against), kWrongUsage);
   }
@@ -152,12 +160,16 @@ void add_validate(CLI::App& app, Action& action) {
   command->footer(
       "Example: rustle validate --report validation.html\n"
       "         rustle validate --only table1 levels --json\n"
+      "         rustle validate --against session/ --manifest session.toml --report beside.html\n"
       "Sheets that exist on the computer only go through the whole pipeline. \"as printed\": with the papers' formulas\n"
       "unchanged. Status 0 when every check holds, else 1.");
   command->add_flag("--json", arguments->json, "Print as JSON: {\"checks\": [{name, ours, paper, bound, holds}]}");
   command->add_option("--report", arguments->report, "Write a page with every figure and plot (.html)");
   command->add_option("--pack", arguments->pack, "Material, or the folder of a sound pack")->capture_default_str();
   command->add_option("--against", arguments->against, "Folder of recordings to compare the pack with, class by class");
+  command->add_option("--manifest", arguments->manifest,
+                      "What each recording is, as for `rustle pack build`; else the folder's recordings.toml, else the "
+                      "files' names");
   command->add_option("--only", arguments->only, "Groups or checks to run, such as table1 or table1/d_r; see --list");
   command->add_flag("--list", arguments->list, "List the groups of checks");
   command->add_option("--seed", arguments->seed, "Seed of everything random")->capture_default_str();

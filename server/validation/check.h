@@ -86,6 +86,7 @@ struct Setting {
   int workers = 1;
   std::uint64_t seed = 1;
   std::filesystem::path recordings;                      ///< empty: none to compare with
+  std::filesystem::path recordings_manifest;             ///< says what each is; empty: their folder's, else their names do
   std::function<void(double)> progress = [](double) {};  ///< part of the group done, from any of its threads
 };
 

@@ -55,7 +55,7 @@ Figure range_figure(const build::Comparison& comparison, std::string_view featur
 }  // namespace
 
 Findings recordings(const Setting& setting) {
-  const auto real = build::read_reference_recordings(setting.recordings, kRate_hz);
+  const auto real = build::read_reference_recordings(setting.recordings, kRate_hz, setting.recordings_manifest);
   if (!real) throw std::runtime_error(real.error().text());
   setting.progress(0.1);
   const auto ours = build::pack_sounds(*setting.pack, setting.seed);
@@ -66,14 +66,15 @@ Findings recordings(const Setting& setting) {
   Findings found;
   for (const auto& one : comparison.classes) {
     const bool asked = std::find(kAsked.begin(), kAsked.end(), one.sound_class) != kAsked.end();
-    const std::string_view with = build::name(one.compared_with);
+    const std::string with = fmt::format("{}{}", one.compared_with == one.sound_class ? "" : "loudest moments of ",
+                                         build::name(one.compared_with));
     for (const auto& row : one.features) {
       const bool decides =
           asked && row.real.count >= build::kFewRecordings && (row.feature == "centroid_hz" || row.feature == "kurtosis");
       const std::string unit = unit_of(row.feature);
       const std::string about = fmt::format(
-          "median of {} of ours; {} of {} recorded: {:.3g} to {:.3g}, median {:.3g}; {:.0f} % of ours within",
-          row.ours.count, row.real.count, with, row.real.least, row.real.most, row.real.median, 100 * row.share_inside);
+          "median of {} of ours; {} ({}) recorded: {:.3g} to {:.3g}, median {:.3g}; {:.0f} % of ours within", row.ours.count,
+          row.real.count, with, row.real.least, row.real.most, row.real.median, 100 * row.share_inside);
       Bound bound = shown();
       if (decides) {
         bound = {fmt::format("{:.3g} to {:.3g}{}{}", row.real.least, row.real.most, unit.empty() ? "" : " ", unit),

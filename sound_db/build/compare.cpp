@@ -61,6 +61,36 @@ dsp::MeanMfcc mean_of(const std::vector<Measured>& sounds) {
   return mean;
 }
 
+constexpr double kMoment_s = 0.030;  // what a clac and its tail take
+constexpr double kBeforeMoment_s = 0.001;
+constexpr double kMomentsApart_s = 0.040;
+constexpr double kFaintMoment = 0.01;  // of the loudest one's energy
+constexpr int kMostMoments = 10;
+
+/// The loudest moments of a crumpling, its single clacs as far as they can be told apart: from a millisecond before each
+/// loudest millisecond on, loudest first.
+std::vector<std::span<const float>> loudest_moments(std::span<const float> sound, double rate_hz) {
+  const auto samples = [&](double duration_s) { return static_cast<std::size_t>(std::lround(duration_s * rate_hz)); };
+  const std::size_t step = std::max<std::size_t>(1, samples(0.001)), apart = samples(kMomentsApart_s) / step;
+  std::vector<double> energy(sound.size() / step);
+  for (std::size_t k = 0; k < energy.size(); ++k) {
+    for (const float x : sound.subspan(k * step, step)) energy[k] += static_cast<double>(x) * x;
+  }
+  std::vector<std::span<const float>> moments;
+  if (energy.empty()) return moments;
+  const double faintest = kFaintMoment * *std::max_element(energy.begin(), energy.end());
+  for (int i = 0; i < kMostMoments; ++i) {
+    const auto loudest = std::max_element(energy.begin(), energy.end());
+    if (*loudest <= 0 || *loudest < faintest) break;
+    const auto at = static_cast<std::size_t>(loudest - energy.begin());
+    const std::size_t from = at * step - std::min(at * step, samples(kBeforeMoment_s));
+    moments.push_back(sound.subspan(from, std::min(samples(kMoment_s), sound.size() - from)));
+    std::fill(energy.begin() + static_cast<std::ptrdiff_t>(at - std::min(at, apart)),
+              energy.begin() + static_cast<std::ptrdiff_t>(std::min(energy.size(), at + apart)), 0.0);
+  }
+  return moments;
+}
+
 /// Distance to the nearest of `others` but `self`.
 NearestReal nearest_to(const Measured& sound, const std::vector<Measured>& others, const Measured* self) {
   NearestReal nearest{sound.index, 0, std::numeric_limits<double>::infinity()};
@@ -227,12 +257,18 @@ Comparison compare(const std::vector<ClassifiedSound>& ours, const std::vector<C
   };
   measure(ours, our_classes);
   measure(real, real_classes);
+  auto& real_clacs = real_classes[static_cast<std::size_t>(SoundClass::kClac)];
+  const bool clacs_cut = real_clacs.empty();
+  if (clacs_cut) {
+    for (const Measured& crumpling : real_classes[static_cast<std::size_t>(SoundClass::kCrumple)]) {
+      for (const auto moment : loudest_moments(real[crumpling.index].samples, rate_hz))
+        real_clacs.push_back({crumpling.index, dsp::sound_features(moment, rate_hz)});
+    }
+  }
   for (const SoundClass sound_class : kSoundClasses) {
     const auto& mine = our_classes[static_cast<std::size_t>(sound_class)];
-    SoundClass with = sound_class;
-    if (sound_class == SoundClass::kClac && real_classes[static_cast<std::size_t>(with)].empty())
-      with = SoundClass::kCrumple;
-    const auto& theirs = real_classes[static_cast<std::size_t>(with)];
+    const SoundClass with = sound_class == SoundClass::kClac && clacs_cut ? SoundClass::kCrumple : sound_class;
+    const auto& theirs = real_classes[static_cast<std::size_t>(sound_class)];
     if (!mine.empty() && !theirs.empty()) {
       result.classes.push_back(compare_class(sound_class, with, mine, theirs));
       if (theirs.size() < kFewRecordings) {
@@ -241,7 +277,7 @@ Comparison compare(const std::vector<ClassifiedSound>& ours, const std::vector<C
       }
     } else if (!mine.empty()) {
       result.notices.push_back(fmt::format("{}: no recording to compare with", name(sound_class)));
-    } else if (!real_classes[static_cast<std::size_t>(sound_class)].empty()) {
+    } else if (!theirs.empty() && with == sound_class) {
       result.notices.push_back(fmt::format("{}: recorded, but not among the sounds compared", name(sound_class)));
     }
   }

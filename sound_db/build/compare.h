@@ -66,8 +66,9 @@ struct NearestReal {
 /// Distances are Euclidean over coefficients 1 to 12 of the mean MFCC (dsp/mfcc.h): level does not count.
 struct ClassComparison {
   SoundClass sound_class = SoundClass::kFlap;
-  SoundClass compared_with = SoundClass::kFlap;  ///< clacs are held against crumplings when no clac was recorded
-  int ours = 0, real = 0;                        ///< how many sounds
+  /// Where no clac was recorded, clacs are held against the loudest moments of crumplings, 30 ms each.
+  SoundClass compared_with = SoundClass::kFlap;
+  int ours = 0, real = 0;  ///< how many sounds
   std::vector<FeatureRow> features;
   double mfcc_distance = 0;          ///< median distance of ours to the nearest recording
   double real_mfcc_distance = 0;     ///< median distance of a recording to the nearest other one; 0: there is one only
