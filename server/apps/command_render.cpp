@@ -24,7 +24,8 @@ namespace rustle::apps {
 namespace {
 
 struct RenderArguments {
-  std::string capture, output, material, channels, hrtf, mode, format = "f32", listener, facing, stems, events, report;
+  std::string capture, output, material, channels, hrtf, mode, format = "f32", fine_events = "auto", listener, facing, stems,
+                                                               events, report;
   int friction_fft_size = 0;
   std::optional<std::uint64_t> seed;
   int block_size = 128;
@@ -159,6 +160,7 @@ int run(const RenderArguments& arguments) {
   engine::Options engine_options = session::engine_options(options, head);
   engine_options.gain_db = arguments.gain_db;
   engine_options.stems = !arguments.stems.empty();
+  if (arguments.fine_events != "auto") engine_options.fine_events = arguments.fine_events == "on";
   if (!arguments.material.empty()) engine_options.every_material = arguments.material;
 
   std::optional<scene::Listener> listener;
@@ -353,6 +355,11 @@ void add_render(CLI::App& app, Action& action) {
       ->add_option("--mode", arguments->mode,
                    "corrected, or published: the papers' formulas as printed; the capture's own when absent, else corrected")
       ->check(CLI::IsMember({"published", "corrected"}));
+  command
+      ->add_option("--fine-events", arguments->fine_events,
+                   "Events below what the mesh shows: on, off, or auto: of paper, not of cloth")
+      ->check(CLI::IsMember({"auto", "on", "off"}))
+      ->capture_default_str();
   command->add_option("--listener", arguments->listener, "Where it is heard, x,y,z in metres, z up");
   command->add_option("--facing", arguments->facing, "Which way the listener looks, x,y,z; at the sheets when absent");
   command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")

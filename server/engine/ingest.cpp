@@ -116,6 +116,7 @@ Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch)
     if (entry.material != material || entry.touched_surface == (*pack)->touched_surface) continue;
     if (auto other = packs_->load(material, entry.touched_surface, rate)) setup.by_surface[entry.touched_surface] = *other;
   }
+  setup.fine_events = options_.fine_events.value_or(description.kind == SheetKind::kPaper);
   planner_.add_sheet(setup, earliest_, batch.cues);
   return std::nullopt;
 }

@@ -32,6 +32,7 @@ struct Options {
   std::string default_material = "printer-paper";
   std::string default_surface = "wooden-table";
   std::optional<std::string> every_material;  ///< plays every sheet with this material, whatever it says
+  std::optional<bool> fine_events;            ///< below what the mesh shows (P13); absent: of paper, not of cloth
   int max_sheets = 64;
   bool stems = false;  ///< keep every bus beside the mix
 };

@@ -85,9 +85,13 @@ void draw_burst(std::uint64_t seed, sheet::SheetId sheet, std::uint64_t event, S
   std::stable_sort(out.begin() + first, out.end(), earlier);
 }
 
+bool FineEventsPlan::wanted(const SheetPlan& sheet) const {
+  return options_.fine_events && sheet.fine_events && options_.mode != Mode::kPublished;
+}
+
 void FineEventsPlan::plan(const SheetPlan& sheet, const observation::Observation& observation, SampleTime earliest) {
   const std::uint64_t frame = ++frames_[sheet.id];
-  if (observation.bending.empty() || !options_.fine_events || options_.mode == Mode::kPublished) return;
+  if (observation.bending.empty() || !wanted(sheet)) return;
   const auto& section = sheet.material->pack().crumpling;
   const SampleTime before = to_sample(options_, observation.previous_time_s);
   const SampleTime from = std::max(before, earliest);
@@ -111,7 +115,7 @@ void FineEventsPlan::plan(const SheetPlan& sheet, const observation::Observation
 
 void FineEventsPlan::plan_burst(const SheetPlan& sheet, const observation::CrumplingEvent& event, double peak,
                                 SampleTime onset, SampleTime earliest) {
-  if (!options_.fine_events || options_.mode == Mode::kPublished || !(peak > 0)) return;
+  if (!wanted(sheet) || !(peak > 0)) return;
   const auto& section = sheet.material->pack().crumpling;
   if (!section) return;
   const auto variants = pack::nearest_variants(*section, {});

@@ -77,6 +77,7 @@ class FineEventsPlan {
     double normal_spread = 0;
     Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Zero();
   };
+  bool wanted(const SheetPlan& sheet) const;
   /// False: the pack has no clac.
   bool add(const SheetPlan& sheet, std::uint64_t id, SampleTime onset, SampleTime earliest, double gain, const Place& place);
 

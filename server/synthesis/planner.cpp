@@ -38,6 +38,7 @@ void Planner::add_sheet(const SheetSetup& setup, SampleTime earliest, std::vecto
   sheet.id = setup.id;
   sheet.index = setup.index;
   sheet.material = material(setup.pack);
+  sheet.fine_events = setup.fine_events;
   for (const auto& [surface, pack] : setup.by_surface) sheet.by_surface[surface] = material(pack);
   const bool known = sheets_.contains(setup.id);
   const SheetPlan& added = sheets_[setup.id] = std::move(sheet);

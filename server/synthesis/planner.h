@@ -27,6 +27,7 @@ struct SheetSetup {
   int index = 0;  ///< its place among the buses, 0 .. max_sheets - 1
   std::shared_ptr<const pack::SoundPack> pack;
   std::map<std::string, std::shared_ptr<const pack::SoundPack>> by_surface;
+  bool fine_events = true;  ///< below what the mesh shows (P13)
 };
 
 /// Gains in dB on top of the packs' levels; a bus has the sum of those that concern it.

@@ -40,6 +40,7 @@ struct SheetPlan {
   int index = 0;                       ///< its place among the buses
   const Material* material = nullptr;  ///< on the surface it touches by default
   std::map<std::string, const Material*, std::less<>> by_surface;
+  bool fine_events = true;  ///< below what the mesh shows (P13)
 
   /// Its sounds on a touched surface; an empty or unknown name is the default.
   const Material& on(std::string_view surface) const {

@@ -89,6 +89,28 @@ TEST_CASE("A demo sounds, finite and within bounds, whenever it is rendered") {
   CHECK(play({}, items, false) == mix);
 }
 
+TEST_CASE("Below what the mesh shows paper has events and cloth has not, unless told otherwise") {
+  const auto cues_of = [](engine::SheetKind kind, std::optional<bool> fine_events) {
+    engine::Options options;
+    options.fine_events = fine_events;
+    engine::Ingest ingest(options, packs());
+    std::size_t units = 0;
+    for (auto item : demo_stream("shake", 0.3, 1.3)) {
+      if (auto* description = std::get_if<engine::SheetDescription>(&item)) description->kind = kind;
+      CueBatch batch;
+      REQUIRE(ingest.accept(item, batch));
+      for (const auto& cue : batch.cues) units += std::holds_alternative<synthesis::CrumpleCue>(cue) ? 1 : 0;
+    }
+    return units;
+  };
+  const auto paper = cues_of(engine::SheetKind::kPaper, std::nullopt);
+  const auto cloth = cues_of(engine::SheetKind::kCloth, std::nullopt);
+  CHECK(cloth > 0);
+  CHECK(paper > 2 * cloth);
+  CHECK(cues_of(engine::SheetKind::kCloth, true) == paper);
+  CHECK(cues_of(engine::SheetKind::kPaper, false) == cloth);
+}
+
 TEST_CASE("Turning the listener upside down swaps the channels, bit for bit") {
   for (const auto* name : {"snap", "slide"}) {
     auto items = demo_stream(name, 0.3, 1.6);
