@@ -12,11 +12,6 @@ using sheet::kNone;
 using sheet::Triangle;
 using sheet::Vec3d;
 
-std::uint32_t ContactComponents::root(std::uint32_t k) {
-  while (parent_[k] != k) k = parent_[k] = parent_[parent_[k]];
-  return k;
-}
-
 void ContactComponents::connect(const sheet::Topology& topology, const ContactPatch& patch) {
   place_.resize(topology.vertex_count(), kNone);
   for (std::uint32_t k = 0; k < patch.vertices.size(); ++k) place_[patch.vertices[k]] = k;

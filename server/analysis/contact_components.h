@@ -24,7 +24,10 @@ class ContactComponents {
 
  private:
   void connect(const sheet::Topology& topology, const ContactPatch& patch);
-  std::uint32_t root(std::uint32_t k);
+  std::uint32_t root(std::uint32_t k) {
+    while (parent_[k] != k) k = parent_[k] = parent_[parent_[k]];
+    return k;
+  }
   void find_sounding(const sheet::Topology& topology, const ContactPatch& patch);
 
   std::vector<std::uint32_t> place_;  ///< [V], in the patch, or kNone

@@ -6,7 +6,7 @@
 #include <numeric>
 #include <utility>
 
-#include "server/sheet/simd.h"
+#include "server/sheet/face_geometry.h"
 
 namespace rustle::analysis {
 namespace {
@@ -16,6 +16,7 @@ using sheet::kNone;
 using sheet::Triangle;
 using sheet::Vec3d;
 using sheet::Vec3f;
+using sheet::Vec4f;
 
 constexpr int kMostSamplesAlong = 16;
 constexpr double kSampleLengths = 1.5;  ///< of the radius, between samples along the sheet
@@ -23,85 +24,8 @@ constexpr double kParallel = 0.9999;
 constexpr double kPlaneTolerance = 0.03;  ///< of the radius
 constexpr double kLevel = 1e-6;           ///< of the radius: a triangle with less height lies level
 
-struct GaussPoint {
-  float place, share;  ///< on [0, 1]
-};
-constexpr std::array<GaussPoint, 3> kQuintic = {
-    {{0.11270166537925831f, 5.0f / 18}, {0.5f, 8.0f / 18}, {0.88729833462074169f, 5.0f / 18}}};
-
 Vec3d tangential(const Vec3d& velocity_m_per_s, const Vec3d& normal) {
   return velocity_m_per_s - normal * normal.dot(velocity_m_per_s);
-}
-
-/// What integrate_lines() works with, by lane: one over differences of distance, and the kinks of the weight, distances from
-/// that of the lowest corner.
-struct Heights {
-  PlaneBatch::Lanes per_rise, per_below, per_above, kinks[4];
-};
-
-RUSTLE_SIMD void prepare(PlaneBatch& b, Heights& h) {
-  for (std::size_t i = 0; i < PlaneBatch::kLanes; ++i) {
-    const float d1 = b.middle_m[i], d2 = b.rise_m[i], above = d2 - d1;
-    h.per_rise[i] = 1 / d2;
-    h.per_below[i] = d1 > 0 ? 1 / d1 : 0.0f;
-    h.per_above[i] = above > 0 ? 1 / above : 0.0f;
-    const float low = b.lowest_m[i] > 0 ? b.lowest_m[i] : 0.0f, high = d2 < b.radius_m[i] ? d2 : b.radius_m[i];
-    const float middle = d1 < low ? low : d1 > high ? high : d1;
-    const float full = b.full_m[i] < low ? low : b.full_m[i] > high ? high : b.full_m[i];
-    h.kinks[0][i] = low;
-    h.kinks[1][i] = middle < full ? middle : full;
-    h.kinks[2][i] = middle < full ? full : middle;
-    h.kinks[3][i] = high;
-    b.beyond[i] = 0;
-  }
-}
-
-/// Adds what lies about one of the points of an interval between kinks. The line at one distance runs from the side between
-/// lowest and highest corner to one of the others.
-RUSTLE_SIMD void add_lines(PlaneBatch& b, const Heights& h, std::size_t interval, float place, float share, float per_fade) {
-  for (std::size_t i = 0; i < PlaneBatch::kLanes; ++i) {
-    const float start = h.kinks[interval][i], height = h.kinks[interval + 1][i] - start, level = start + place * height;
-    const bool below = level < b.middle_m[i];
-    const float q = level * h.per_rise[i];
-    const float p = below ? level * h.per_below[i] : (b.rise_m[i] - level) * h.per_above[i];
-    const float b0 = 0.5f * (below ? 2 - q - p : 1 - q), b1 = 0.5f * p, b2 = 0.5f * (below ? q : 1 + q - p);
-    const float x = (level - b.full_m[i]) * per_fade, faded = 1 - x * x * (3 - 2 * x);
-    const float contact = 2 * b.area_m2[i] * p * h.per_rise[i] * share * height * (x <= 0 ? 1.0f : faded);
-    float part0 = b.reached[0][i] * b0, part1 = b.reached[1][i] * b1, part2 = b.reached[2][i] * b2;
-    // Without a corner within reach, to the nearest corner.
-    const float reached = part0 + part1 + part2, alone = reached > 0 ? 0.0f : 1.0f;
-    const float largest12 = b1 > b2 ? b1 : b2, first = b0 >= largest12 ? alone : 0.0f,
-                second = b1 >= b2 ? alone - first : 0.0f;
-    part0 += first, part1 += second, part2 += alone - first - second;
-    b.beyond[i] += alone * contact;
-    const float per_share = contact / (reached > 0 ? reached : 1.0f);
-    part0 *= per_share, part1 *= per_share, part2 *= per_share;
-    const float sx = b0 * b.slip_m_per_s[0][0][i] + b1 * b.slip_m_per_s[1][0][i] + b2 * b.slip_m_per_s[2][0][i],
-                sy = b0 * b.slip_m_per_s[0][1][i] + b1 * b.slip_m_per_s[1][1][i] + b2 * b.slip_m_per_s[2][1][i],
-                sz = b0 * b.slip_m_per_s[0][2][i] + b1 * b.slip_m_per_s[1][2][i] + b2 * b.slip_m_per_s[2][2][i];
-    const float speed = std::sqrt(sx * sx + sy * sy + sz * sz);
-    b.contact_m2[0][i] += part0, b.contact_m2[1][i] += part1, b.contact_m2[2][i] += part2;
-    b.speed_area[0][i] += part0 * speed, b.speed_area[1][i] += part1 * speed, b.speed_area[2][i] += part2 * speed;
-    b.slip_area[0][0][i] += part0 * sx, b.slip_area[0][1][i] += part0 * sy, b.slip_area[0][2][i] += part0 * sz;
-    b.slip_area[1][0][i] += part1 * sx, b.slip_area[1][1][i] += part1 * sy, b.slip_area[1][2][i] += part1 * sz;
-    b.slip_area[2][0][i] += part2 * sx, b.slip_area[2][1][i] += part2 * sy, b.slip_area[2][2][i] += part2 * sz;
-  }
-}
-
-void integrate_lines(PlaneBatch& batch, float fade_m) {
-  Heights heights;
-  prepare(batch, heights);
-  const auto clear = [](PlaneBatch::Lanes& lanes) { std::fill_n(lanes, PlaneBatch::kLanes, 0.0f); };
-  for (std::size_t k = 0; k < 3; ++k) {
-    clear(batch.contact_m2[k]);
-    clear(batch.speed_area[k]);
-    for (auto& lanes : batch.slip_area[k]) clear(lanes);
-  }
-  for (std::size_t interval = 0; interval < 3; ++interval) {
-    for (const auto& [place, share] : kQuintic) {
-      add_lines(batch, heights, interval, place, share, 1 / fade_m);
-    }
-  }
 }
 
 }  // namespace
@@ -112,28 +36,26 @@ double ContactWeight::at(double distance_m, double radius_m) const {
   return x <= 0 ? 1.0 : 1 - x * x * (3 - 2 * x);
 }
 
-void make_relative(std::span<const Vec3f> positions_m, const Vec3f& origin_m, std::vector<Eigen::Vector4f>& out_m) {
-  out_m.resize(positions_m.size());
-  for (std::size_t i = 0; i < positions_m.size(); ++i) {
-    const Vec3f& p = positions_m[i];
-    out_m[i] = Eigen::Vector4f(p.x() - origin_m.x(), p.y() - origin_m.y(), p.z() - origin_m.z(), 0.0f);
-  }
-}
-
 void ContactGeometry::update(const sheet::MeshFrame& mesh_frame) {
   frame = &mesh_frame;
   origin_m = mesh_frame.positions_m.empty() ? Vec3f(Vec3f::Zero()) : mesh_frame.positions_m.front();
-  make_relative(mesh_frame.positions_m, origin_m, relative_m);
-  if (relative_m.empty()) {
-    bounds_m = Box();
-    return;
-  }
-  Eigen::Array4f low = relative_m.front();
-  Eigen::Array4f high = low;
-  for (const Eigen::Vector4f& p : relative_m) low = low.min(p.array()), high = high.max(p.array());
   const Vec3d origin = origin_m.cast<double>();
-  bounds_m =
-      Box(Vec3d(origin + low.matrix().head<3>().cast<double>()), Vec3d(origin + high.matrix().head<3>().cast<double>()));
+  sheet::relative_positions_m(mesh_frame.positions_m, origin_m, relative_m);
+  bounds_m = Box();
+  if (relative_m.empty()) return;
+  constexpr std::size_t kAtOnce = 4;  // no choice waits for the one before
+  std::array<Eigen::Array4f, kAtOnce> low, high;
+  low.fill(relative_m.front()), high.fill(relative_m.front());
+  for (std::size_t i = 0; i < relative_m.size(); i += kAtOnce) {
+    for (std::size_t k = 0; k < kAtOnce; ++k) {
+      const Eigen::Array4f p = relative_m[std::min(i + k, relative_m.size() - 1)].array();
+      low[k] = low[k].min(p), high[k] = high[k].max(p);
+    }
+  }
+  const Eigen::Array4f lowest = low[0].min(low[1]).min(low[2].min(low[3]));
+  const Eigen::Array4f highest = high[0].max(high[1]).max(high[2].max(high[3]));
+  bounds_m = Box(Vec3d(origin + lowest.matrix().head<3>().cast<double>()),
+                 Vec3d(origin + highest.matrix().head<3>().cast<double>()));
 }
 
 float ContactGeometry::rounding_m() const {
@@ -161,12 +83,79 @@ const ContactPatch& ContactMeter::measure(const ContactGeometry& geometry, Conta
     places_.assign(geometry.relative_m.size(), Place());
     epoch_ = 1;
   }
-  const Inputs in{geometry, surface, velocities, weight, radius_m, surface.range_beyond_m()};
+  const ContactPlane* plane = surface.plane();
+  const Inputs in{geometry, surface, velocities, weight, radius_m, plane ? 0 : surface.range_beyond_m()};
+  sheet::face_areas_m2(*geometry.frame->topology, geometry.relative_m, patch_.triangles, areas_m2_);
   batch_.count = 0;
-  for (const std::uint32_t t : patch_.triangles) measure_triangle(in, t);
+  if (plane) {
+    measure_on_plane(in, *plane);
+  } else {
+    for (std::size_t k = 0; k < areas_m2_.size(); ++k) {
+      if (areas_m2_[k] > 0) measure_triangle(in, patch_.triangles[k], areas_m2_[k]);
+    }
+  }
   integrate_batch(in);
   collect(in);
   return patch_;
+}
+
+void ContactMeter::measure_on_plane(const Inputs& in, const ContactPlane& plane) {
+  find_corners(in);
+  see_plane(in, plane);
+  for (std::size_t k = 0; k < areas_m2_.size(); ++k) {
+    if (!(areas_m2_[k] > 0)) continue;
+    const CornerPlaces& at = triangle_corners_[k];
+    const bool full = (corners_[at[0]].weight == 1) & (corners_[at[1]].weight == 1) & (corners_[at[2]].weight == 1);
+    full ? lump(at, areas_m2_[k]) : integrate(in, at, areas_m2_[k]);
+  }
+}
+
+/// The corners of all triangles at once.
+void ContactMeter::find_corners(const Inputs& in) {
+  const auto triangles = in.geometry.frame->topology->triangles();
+  triangle_corners_.resize(patch_.triangles.size());
+  order_.resize(std::min(3 * patch_.triangles.size(), places_.size()) + 1);  // what was met before is written behind
+  std::uint32_t count = 0;
+  for (std::size_t t = 0; t < patch_.triangles.size(); ++t) {
+    const Triangle& v = triangles[patch_.triangles[t]];
+    for (std::size_t k = 0; k < 3; ++k) {
+      Place& place = places_[v[k]];
+      const bool is_new = place.epoch != epoch_;
+      const std::uint32_t corner = is_new ? count : place.corner;
+      place = {epoch_, corner};
+      triangle_corners_[t][k] = corner;
+      order_[count] = v[k];
+      count += is_new;
+    }
+  }
+  corners_.assign(count, Corner());
+  for (std::uint32_t c = 0; c < count; ++c) corners_[c].vertex = order_[c];
+}
+
+/// What every corner sees of a plane: p from the geometry's origin o, plane n through c that moves by w(x) = l + A (x - m),
+///   d = n·(p + o - c),   slip = (I - n nᵀ)(v - w(p + o - d n))
+/// w at the foot of p is an affine function of p, made in double, so that its terms are small.
+void ContactMeter::see_plane(const Inputs& in, const ContactPlane& plane) {
+  const Vec3d& n = plane.normal;
+  const double offset_m = n.dot(in.geometry.origin_m.cast<double>() - plane.position_m);
+  const Eigen::Matrix3d& turn_per_s = plane.motion.angular_map_per_s;
+  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - n * n.transpose();
+  const Vec3d at_origin_m_per_s = across * plane.motion.at(in.geometry.origin_m.cast<double>() - offset_m * n);
+  const Eigen::Matrix3d per_place_per_s = across * turn_per_s * across;
+  const auto padded = [](const Vec3d& v) { return Vec4f(v.cast<float>().homogeneous() - Vec4f::UnitW()); };
+  const Vec4f normal = padded(n), start = padded(at_origin_m_per_s), x = padded(per_place_per_s.col(0)),
+              y = padded(per_place_per_s.col(1)), z = padded(per_place_per_s.col(2));
+  for (Corner& corner : corners_) {
+    const Vec4f& p = in.geometry.relative_m[corner.vertex];
+    corner.distance_m = normal.dot(p) + static_cast<float>(offset_m);
+    const auto distance_m = static_cast<double>(corner.distance_m);
+    corner.touched = distance_m < in.radius_m;
+    corner.weight = static_cast<float>(in.weight.at(distance_m, in.radius_m));
+    corner.slip_known = in.velocities.known(corner.vertex);
+    if (!corner.slip_known) continue;
+    const Vec4f velocity = padded(in.velocities.at(corner.vertex));
+    corner.slip_m_per_s = velocity - normal * normal.dot(velocity) - (start + p.x() * x + p.y() * y + p.z() * z);
+  }
 }
 
 std::uint32_t ContactMeter::corner_at(const Inputs& in, std::uint32_t triangle, int k) {
@@ -179,19 +168,21 @@ std::uint32_t ContactMeter::corner_at(const Inputs& in, std::uint32_t triangle, 
   Touch touch;
   made.touched = in.surface.touch(in.geometry.frame->positions_m[vertex].cast<double>(), {triangle, Vec3d::Unit(k)},
                                   in.radius_m + in.margin_m, touch);
-  if (!in.surface.is_plane()) normals_.push_back({touch.normal, touch.side_normal});
+  normals_.push_back({touch.normal, touch.side_normal});
   if (!made.touched) return place.corner;
-  made.weight = in.weight.at(touch.distance_m, in.radius_m);
-  made.distance_m = touch.distance_m;
+  made.weight = static_cast<float>(in.weight.at(touch.distance_m, in.radius_m));
+  made.distance_m = static_cast<float>(touch.distance_m);
   made.partner_triangle = touch.triangle;
   made.slip_known = touch.velocity_known && in.velocities.known(vertex);
-  if (made.slip_known) made.slip_m_per_s = tangential(in.velocities.at(vertex) - touch.velocity_m_per_s, touch.normal);
+  if (made.slip_known) {
+    const Vec3d slip = tangential(in.velocities.at(vertex) - touch.velocity_m_per_s, touch.normal);
+    made.slip_m_per_s.head<3>() = slip.cast<float>();
+  }
   return place.corner;
 }
 
 /// Whether the partner is one plane as seen from all three corners: then the distance is linear over the triangle.
-bool ContactMeter::faces_a_plane(const Inputs& in, const std::array<std::uint32_t, 3>& corners) const {
-  if (in.surface.is_plane()) return true;
+bool ContactMeter::faces_a_plane(const Inputs& in, const CornerPlaces& corners) const {
   const Corner& first = corners_[corners[0]];
   if (!first.touched || !corners_[corners[1]].touched || !corners_[corners[2]].touched) return false;
   const Normals& seen = normals_[corners[0]];
@@ -200,88 +191,83 @@ bool ContactMeter::faces_a_plane(const Inputs& in, const std::array<std::uint32_
     const Corner& corner = corners_[corners[k]];
     if (normals_[corners[k]].normal.dot(seen.normal) < kParallel) return false;
     const double rise = seen.side_normal.dot((p[corner.vertex] - p[first.vertex]).head<3>().cast<double>());
-    if (std::abs(first.distance_m + rise - corner.distance_m) > kPlaneTolerance * in.radius_m) return false;
+    const auto step = static_cast<double>(first.distance_m - corner.distance_m);
+    if (std::abs(step + rise) > kPlaneTolerance * in.radius_m) return false;
   }
   return true;
 }
 
-void ContactMeter::measure_triangle(const Inputs& in, std::uint32_t t) {
-  const Triangle& v = in.geometry.frame->topology->triangles()[t];
-  const auto& p = in.geometry.relative_m;
-  const Eigen::Vector4f side_b = p[v[1]] - p[v[0]];
-  const Eigen::Vector4f side_c = p[v[2]] - p[v[0]];
-  const double area_m2 = 0.5 * static_cast<double>(side_b.cross3(side_c).norm());
-  if (!(area_m2 > 0)) return;
-  in.surface.approach(t);
-  const std::array<std::uint32_t, 3> at = {corner_at(in, t, 0), corner_at(in, t, 1), corner_at(in, t, 2)};
-  const Corners corners = {&corners_[at[0]], &corners_[at[1]], &corners_[at[2]]};
-  int reached = 0;
-  int full = 0;
-  for (Corner* corner : corners) {
-    reached += corner->weight > 0;
-    full += corner->weight == 1;
-  }
-  const auto lump = [&] {
-    for (Corner* corner : corners) corner->lumped_m2 += corner->weight * area_m2 / 3;
-  };
-  if (full == 3) return lump();
-  if (faces_a_plane(in, at)) return integrate(in, at, area_m2);
-  if (reached == 3) return lump();
+void ContactMeter::lump(const CornerPlaces& corners, float area_m2) {
+  const double third_m2 = static_cast<double>(area_m2) / 3;
+  for (const std::uint32_t k : corners) corners_[k].lumped_m2 += static_cast<double>(corners_[k].weight) * third_m2;
+}
 
-  const double longest_m = static_cast<double>(
-      std::sqrt(std::max({side_b.squaredNorm(), side_c.squaredNorm(), (side_c - side_b).squaredNorm()})));
+void ContactMeter::measure_triangle(const Inputs& in, std::uint32_t t, float area_m2) {
+  in.surface.approach(t);
+  const CornerPlaces at = {corner_at(in, t, 0), corner_at(in, t, 1), corner_at(in, t, 2)};
+  const Corners corners = {&corners_[at[0]], &corners_[at[1]], &corners_[at[2]]};
+  const auto all = [&](auto&& holds) { return std::all_of(corners.begin(), corners.end(), holds); };
+  if (all([](const Corner* corner) { return corner->weight == 1; })) return lump(at, area_m2);
+  if (faces_a_plane(in, at)) return integrate(in, at, area_m2);
+  if (all([](const Corner* corner) { return corner->weight > 0; })) return lump(at, area_m2);
+
+  const auto& p = in.geometry.relative_m;
+  const Vec4f &a = p[corners[0]->vertex], &b = p[corners[1]->vertex], &c = p[corners[2]->vertex];
+  const double longest_m =
+      std::sqrt(static_cast<double>(std::max({(b - a).squaredNorm(), (c - a).squaredNorm(), (c - b).squaredNorm()})));
   // No place of a triangle is farther from its nearest corner than its longest side over √3.
-  const bool out_of_reach = std::all_of(corners.begin(), corners.end(), [&](const Corner* corner) {
-    const double least_m = corner->touched ? corner->distance_m : in.radius_m + in.margin_m;
+  const bool out_of_reach = all([&](const Corner* corner) {
+    const double least_m = corner->touched ? static_cast<double>(corner->distance_m) : in.radius_m + in.margin_m;
     return least_m - longest_m / std::sqrt(3.0) >= in.radius_m;
   });
-  if (out_of_reach || (reached == 0 && in.surface.surely_apart(t, in.radius_m))) return;
+  const bool none_reached = all([](const Corner* corner) { return !(corner->weight > 0); });
+  if (out_of_reach || (none_reached && in.surface.surely_apart(t, in.radius_m))) return;
   const double along = std::ceil(longest_m / (kSampleLengths * in.radius_m));
-  if (along <= 1) return lump();
-  take_samples(in, t, corners, area_m2, static_cast<int>(std::min(along, static_cast<double>(kMostSamplesAlong))));
+  if (along <= 1) return lump(at, area_m2);
+  take_samples(in, t, corners, static_cast<double>(area_m2),
+               static_cast<int>(std::min(along, static_cast<double>(kMostSamplesAlong))));
 }
 
 /// A triangle that lies level counts as one place, another waits for its batch.
-void ContactMeter::integrate(const Inputs& in, const std::array<std::uint32_t, 3>& at, double area_m2) {
-  std::array<std::uint32_t, 3> order = at;
-  const auto lower_first = [&](std::uint32_t& a, std::uint32_t& b) {
-    const bool swap = corners_[b].distance_m < corners_[a].distance_m;
-    const std::uint32_t low = swap ? b : a, high = swap ? a : b;
-    a = low, b = high;
+void ContactMeter::integrate(const Inputs& in, const CornerPlaces& at, float area_m2) {
+  CornerPlaces order = at;
+  std::array<float, 3> d = {corners_[at[0]].distance_m, corners_[at[1]].distance_m, corners_[at[2]].distance_m};
+  const auto lower_first = [&](std::size_t a, std::size_t b) {
+    const bool swap = d[b] < d[a];
+    const float low = swap ? d[b] : d[a], high = swap ? d[a] : d[b];
+    const std::uint32_t first = swap ? order[b] : order[a], second = swap ? order[a] : order[b];
+    d[a] = low, d[b] = high, order[a] = first, order[b] = second;
   };
-  lower_first(order[0], order[1]);
-  lower_first(order[1], order[2]);
-  lower_first(order[0], order[1]);
+  lower_first(0, 1);
+  lower_first(1, 2);
+  lower_first(0, 1);
+  const auto radius_m = static_cast<float>(in.radius_m), penetration_m = static_cast<float>(in.weight.penetration_m);
+  const float low = std::max(d[0], -penetration_m);
+  if (low > std::min(d[2], radius_m) || low >= radius_m) return;
   const Corners corners = {&corners_[order[0]], &corners_[order[1]], &corners_[order[2]]};
-  const double d0 = corners[0]->distance_m;
-  const double d2 = corners[2]->distance_m;
-  const double low = std::max(d0, -in.weight.penetration_m);
-  if (low > std::min(d2, in.radius_m) || low >= in.radius_m) return;
   const bool known = corners[0]->slip_known && corners[1]->slip_known && corners[2]->slip_known;
   const std::uint32_t partner_triangle = corners_[at[0]].partner_triangle;
-  if (d2 - d0 < kLevel * in.radius_m) {
-    const double weight = in.weight.at((d0 + corners[1]->distance_m + d2) / 3, in.radius_m);
+  if (d[2] - d[0] < static_cast<float>(kLevel) * radius_m) {
+    const double weight = in.weight.at(static_cast<double>((d[0] + d[1] + d[2]) / 3), in.radius_m);
     if (!(weight > 0)) return;
     Shares shares(corners);
-    shares.add({1.0 / 3, 1.0 / 3, 1.0 / 3}, weight * area_m2,
-               known ? Vec3d((corners[0]->slip_m_per_s + corners[1]->slip_m_per_s + corners[2]->slip_m_per_s) / 3)
-                     : Vec3d(Vec3d::Zero()));
+    const Vec4f slip = (corners[0]->slip_m_per_s + corners[1]->slip_m_per_s + corners[2]->slip_m_per_s) / 3;
+    shares.add({1.0 / 3, 1.0 / 3, 1.0 / 3}, weight * static_cast<double>(area_m2),
+               known ? Vec3d(slip.head<3>().cast<double>()) : Vec3d(Vec3d::Zero()));
     return take(corners, shares, partner_triangle);
   }
   PlaneBatch& batch = batch_;
   const std::size_t lane = batch.count++;
   batch.triangles[lane] = {order, partner_triangle};
-  batch.area_m2[lane] = static_cast<float>(area_m2);
-  batch.middle_m[lane] = static_cast<float>(corners[1]->distance_m - d0);
-  batch.rise_m[lane] = static_cast<float>(d2 - d0);
-  batch.lowest_m[lane] = static_cast<float>(-in.weight.penetration_m - d0);
-  batch.full_m[lane] = static_cast<float>(in.weight.full_share * in.radius_m - d0);
-  batch.radius_m[lane] = static_cast<float>(in.radius_m - d0);
+  batch.area_m2[lane] = area_m2;
+  batch.middle_m[lane] = d[1] - d[0];
+  batch.rise_m[lane] = d[2] - d[0];
+  batch.lowest_m[lane] = -penetration_m - d[0];
+  batch.full_m[lane] = static_cast<float>(in.weight.full_share) * radius_m - d[0];
+  batch.radius_m[lane] = radius_m - d[0];
   for (std::size_t k = 0; k < 3; ++k) {
     batch.reached[k][lane] = corners[k]->weight > 0 ? 1.0f : 0.0f;
-    for (std::size_t d = 0; d < 3; ++d) {
-      batch.slip_m_per_s[k][d][lane] = known ? static_cast<float>(corners[k]->slip_m_per_s[static_cast<int>(d)]) : 0.0f;
-    }
+    batch.slip_m_per_s[k].put(lane, known ? corners[k]->slip_m_per_s : Vec4f(Vec4f::Zero()));
   }
   if (batch.count == PlaneBatch::kLanes) integrate_batch(in);
 }
@@ -289,7 +275,6 @@ void ContactMeter::integrate(const Inputs& in, const std::array<std::uint32_t, 3
 void ContactMeter::integrate_batch(const Inputs& in) {
   PlaneBatch& batch = batch_;
   if (batch.count == 0) return;
-  for (std::size_t i = batch.count; i < PlaneBatch::kLanes; ++i) batch.area_m2[i] = 0;
   integrate_lines(batch, static_cast<float>((1 - in.weight.full_share) * in.radius_m));
   for (std::size_t i = 0; i < batch.count; ++i) {
     const PlaneBatch::Triangle& triangle = batch.triangles[i];
@@ -299,8 +284,7 @@ void ContactMeter::integrate_batch(const Inputs& in) {
       if (!(area_m2 > 0)) continue;
       Corner& corner = corners_[triangle.corners[k]];
       corner.area_m2 += area_m2;
-      corner.speed_area += static_cast<double>(batch.speed_area[k][i]);
-      corner.slip_area += Vec3f(batch.slip_area[k][0][i], batch.slip_area[k][1][i], batch.slip_area[k][2][i]).cast<double>();
+      corner.moved += batch.moved[k][i].cast<double>();
       if (corner.partner_triangle == kNone) corner.partner_triangle = triangle.partner_triangle;
     }
   }
@@ -359,8 +343,7 @@ void ContactMeter::Shares::add(const std::array<double, 3>& barycentric, double 
   for (std::size_t k = 0; k < 3; ++k) {
     const double part_m2 = per_share_m2 * part[k];
     area_m2[k] += part_m2;
-    speed_area[k] += part_m2 * speed;
-    slip_area[k] += part_m2 * slip;
+    moved[k] += part_m2 * Eigen::Vector4d(slip.x(), slip.y(), slip.z(), speed);
   }
 }
 
@@ -370,8 +353,7 @@ void ContactMeter::take(const Corners& corners, const Shares& shares, std::uint3
     if (!(shares.area_m2[k] > 0)) continue;
     Corner& corner = *corners[k];
     corner.area_m2 += shares.area_m2[k];
-    corner.speed_area += shares.speed_area[k];
-    corner.slip_area += shares.slip_area[k];
+    corner.moved += shares.moved[k];
     if (corner.partner_triangle == kNone) corner.partner_triangle = partner_triangle;
   }
 }
@@ -382,20 +364,27 @@ void ContactMeter::collect(const Inputs& in) {
     patch_.triangles.resize(in.geometry.frame->topology->triangle_count());
     std::iota(patch_.triangles.begin(), patch_.triangles.end(), 0u);
   }
-  for (std::uint32_t v = 0; v < places_.size(); ++v) {
-    if (places_[v].epoch != epoch_) continue;
-    Corner& corner = corners_[places_[v].corner];
+  order_.resize(corners_.size() + 1);  // what is not among them is written behind
+  std::size_t count = 0;
+  for (const Place& place : places_) {
+    order_[count] = place.corner;
+    count += place.epoch == epoch_;
+  }
+  for (std::size_t k = 0; k < count; ++k) {
+    Corner& corner = corners_[order_[k]];
     if (corner.lumped_m2 > 0) {
       corner.area_m2 += corner.lumped_m2;
-      corner.speed_area += corner.lumped_m2 * corner.slip_m_per_s.norm();
-      corner.slip_area += corner.lumped_m2 * corner.slip_m_per_s;
+      Vec4f slip = corner.slip_m_per_s;
+      slip.w() = slip.norm();
+      corner.moved += corner.lumped_m2 * slip.cast<double>();
     }
     if (!(corner.area_m2 > 0)) continue;
-    patch_.vertices.push_back(v);
+    patch_.vertices.push_back(corner.vertex);
     patch_.areas_m2.push_back(corner.area_m2);
     // The mean direction with the mean speed: slips over a partner's two faces do not cancel.
-    const double length = corner.slip_area.norm();
-    patch_.slips_m_per_s.push_back(length > 0 ? Vec3d(corner.slip_area * (corner.speed_area / (corner.area_m2 * length)))
+    const Vec3d direction = corner.moved.head<3>();
+    const double length = direction.norm();
+    patch_.slips_m_per_s.push_back(length > 0 ? Vec3d(direction * (corner.moved.w() / (corner.area_m2 * length)))
                                               : Vec3d(Vec3d::Zero()));
     patch_.partner_triangles.push_back(corner.partner_triangle);
   }

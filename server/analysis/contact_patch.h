@@ -5,7 +5,9 @@
 #include <optional>
 #include <vector>
 
+#include "server/analysis/plane_batch.h"
 #include "server/analysis/sheet_motion.h"
+#include "server/scene/scene_state.h"
 #include "server/scene/triangles.h"
 #include "server/sheet/mesh_frame.h"
 
@@ -50,9 +52,11 @@ struct ContactGeometry {
   float rounding_m() const;
 };
 
-/// Positions from an origin, with a 0 behind each.
-void make_relative(std::span<const sheet::Vec3f> positions_m, const sheet::Vec3f& origin_m,
-                   std::vector<Eigen::Vector4f>& out_m);
+/// One infinite plane: distances are linear over every triangle.
+struct ContactPlane {
+  sheet::Vec3d position_m = sheet::Vec3d::Zero(), normal = sheet::Vec3d::UnitZ();
+  scene::RigidMotion motion;
+};
 
 /// Something that a sheet may touch, at one time. Used by one thread.
 class ContactSurface {
@@ -68,14 +72,14 @@ class ContactSurface {
   /// On a second look at the triangle approached, none of whose corners is within the radius: surely no part of it is.
   virtual bool surely_apart(std::uint32_t, double) { return false; }
 
+  /// The plane that it is, or null. What follows is asked of others only.
+  virtual const ContactPlane* plane() const { return nullptr; }
+
   /// The partner within `radius_m` of a place, which is at most that of select() plus range_beyond_m(); false: none.
   virtual bool touch(const sheet::Vec3d& point_m, const SheetSpot& spot, double radius_m, Touch& out) = 0;
 
   /// How far beyond the radius of select() distances can be asked for, known once that has been called.
   virtual double range_beyond_m() const { return 0; }
-
-  /// One infinite plane: distances are linear over every triangle.
-  virtual bool is_plane() const { return false; }
 };
 
 /// Contact of one sheet with one partner, by vertex.
@@ -89,30 +93,10 @@ struct ContactPatch {
   void clear();
 };
 
-/// Triangles over which the distance is linear, corners in order of distance, each in a lane: what they are and what they
-/// add to their corners. Distances are taken from that of the lowest corner.
-struct PlaneBatch {
-  static constexpr std::size_t kLanes = 32;
-  using Lanes = float[kLanes];
-  struct Triangle {
-    std::array<std::uint32_t, 3> corners;
-    std::uint32_t partner_triangle;
-  };
-  std::size_t count = 0;
-  std::array<Triangle, kLanes> triangles{};
-  Lanes area_m2 = {}, middle_m = {}, rise_m = {};   ///< distances of the other corners
-  Lanes lowest_m = {}, full_m = {}, radius_m = {};  ///< limits of the weight
-  Lanes reached[3] = {}, slip_m_per_s[3][3] = {};   ///< 1: the corner is within reach
-  Lanes contact_m2[3] = {}, speed_area[3] = {}, slip_area[3][3] = {};
-  Lanes beyond = {};  ///< of it, where no corner is within reach
-};
-
-/// Integrates the contact weight over the sheet. Where the partner is one plane as seen from a triangle's corners the
-/// distance d is linear over it, and with the corners in order of d
-///   dA/ds = 2A (s - d0) / ((d1 - d0)(d2 - d0)) below d1,  2A (d2 - s) / ((d2 - d1)(d2 - d0)) above,
-/// is integrated by Gauss-Legendre points between the kinks of the weight, exactly for the area and its first moments; slip
-/// is that in the middle of each line of equal distance. Other triangles count by their corners when these are all within
-/// reach, else by samples a radius apart (at most 16 x 16). Unknown velocities give no slip.
+/// Integrates the contact weight over the sheet. A triangle whose corners are all touched in full counts by them. Where the
+/// partner is one plane as seen from a triangle's corners the distance is linear over it (PlaneBatch). Other triangles count
+/// by their corners when these are all within reach, else by samples a radius apart (at most 16 x 16). Unknown velocities
+/// give no slip.
 /// Keeps its working memory: once warm nothing is allocated. Cost: that of select(), O(V) and the selected triangles.
 class ContactMeter {
  public:
@@ -122,9 +106,9 @@ class ContactMeter {
 
  private:
   struct Corner {
-    double weight = 0;
-    double distance_m = 0;
-    sheet::Vec3d slip_m_per_s = sheet::Vec3d::Zero();  ///< zero unless known
+    sheet::Vec4f slip_m_per_s = sheet::Vec4f::Zero();  ///< zero unless known
+    float weight = 0;
+    float distance_m = 0;
     bool touched = false;
     bool slip_known = false;
     std::uint32_t vertex = 0;
@@ -132,8 +116,7 @@ class ContactMeter {
     double lumped_m2 = 0;                           ///< contact area of triangles that lie within reach entirely
     // Of other triangles:
     double area_m2 = 0;
-    double speed_area = 0;
-    sheet::Vec3d slip_area = sheet::Vec3d::Zero();
+    Eigen::Vector4d moved = Eigen::Vector4d::Zero();  ///< area times slip, area times speed
   };
   struct Normals {
     sheet::Vec3d normal, side_normal;
@@ -143,6 +126,7 @@ class ContactMeter {
     std::uint32_t corner = 0;
   };
   using Corners = std::array<Corner*, 3>;
+  using CornerPlaces = std::array<std::uint32_t, 3>;
   /// Contact area at places of a triangle, by corner. A place goes to the corners within reach, by their nearness; without
   /// any to the nearest corner.
   struct Shares {
@@ -151,8 +135,7 @@ class ContactMeter {
 
     std::array<double, 3> reached;  ///< 1 or 0
     std::array<double, 3> area_m2{};
-    std::array<double, 3> speed_area{};
-    std::array<sheet::Vec3d, 3> slip_area = {sheet::Vec3d::Zero(), sheet::Vec3d::Zero(), sheet::Vec3d::Zero()};
+    std::array<Eigen::Vector4d, 3> moved = {Eigen::Vector4d::Zero(), Eigen::Vector4d::Zero(), Eigen::Vector4d::Zero()};
     bool beyond_corners = false;
   };
   /// What one call works on.
@@ -165,10 +148,14 @@ class ContactMeter {
     double margin_m;  ///< distances from corners are known this far beyond the radius
   };
 
+  void measure_on_plane(const Inputs& in, const ContactPlane& plane);
+  void find_corners(const Inputs& in);
+  void see_plane(const Inputs& in, const ContactPlane& plane);
   std::uint32_t corner_at(const Inputs& in, std::uint32_t triangle, int k);
-  void measure_triangle(const Inputs& in, std::uint32_t triangle);
-  bool faces_a_plane(const Inputs& in, const std::array<std::uint32_t, 3>& corners) const;
-  void integrate(const Inputs& in, const std::array<std::uint32_t, 3>& at, double area_m2);
+  void measure_triangle(const Inputs& in, std::uint32_t triangle, float area_m2);
+  bool faces_a_plane(const Inputs& in, const CornerPlaces& corners) const;
+  void lump(const CornerPlaces& corners, float area_m2);
+  void integrate(const Inputs& in, const CornerPlaces& at, float area_m2);
   void integrate_batch(const Inputs& in);
   void take_samples(const Inputs& in, std::uint32_t triangle, const Corners& corners, double area_m2, int along);
   void take(const Corners& corners, const Shares& shares, std::uint32_t partner_triangle);
@@ -178,7 +165,10 @@ class ContactMeter {
   PlaneBatch batch_;
   std::vector<Place> places_;  ///< [V]
   std::vector<Corner> corners_;
-  std::vector<Normals> normals_;  ///< of the partner at each corner, empty for a plane
+  std::vector<Normals> normals_;                ///< of the partner at each corner, empty for a plane
+  std::vector<float> areas_m2_;                 ///< of the patch's triangles
+  std::vector<CornerPlaces> triangle_corners_;  ///< likewise, for a plane
+  std::vector<std::uint32_t> order_;            ///< corners in order of their vertices
   std::uint32_t epoch_ = 0;
   bool beyond_corners_ = false;  ///< a vertex counts as touching for a place on a triangle without corners in reach
 };

@@ -251,7 +251,7 @@ std::vector<CrumplingEvent> find_crumpling(const CrumplingInputs& in, const Para
     const CurvatureHistory history(state, in.time_s);
     std::vector<sheet::Vec4f> relative_m;
     std::vector<float> face_areas_m2, areas_m2;
-    sheet::relative_positions_m(in.positions_m, in.positions_m[state.seeds[0]].cast<double>(), relative_m);
+    sheet::relative_positions_m(in.positions_m, in.positions_m[state.seeds[0]], relative_m);
     sheet::face_areas_m2(*in.stencils.topology, relative_m, face_areas_m2);
     sheet::vertex_areas_m2(*in.stencils.topology, face_areas_m2, areas_m2);
     struct Flip {

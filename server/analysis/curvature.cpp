@@ -47,6 +47,7 @@ CurvatureStencils curvature_stencils(std::shared_ptr<const sheet::Topology> topo
   out.edge_length_m = sheet::local_edge_lengths_m<sheet::Vec2d>(*out.topology, out.plane.coordinates_m);
   HingeBasis basis = hinge_basis(*out.topology, out.plane);
   out.nodes = moment_nodes(out.plane, basis, parameters.event_radius_m / kCellsPerRadius);
+  out.node_area_m2.assign(out.nodes.area_m2.begin(), out.nodes.area_m2.end());
   for (double edge : out.edge_length_m) {
     out.radius_m.push_back(std::max(parameters.event_radius_m, parameters.event_radius_edges * edge));
   }

@@ -21,6 +21,7 @@ struct CurvatureStencils {
   std::vector<double> edge_length_m;  ///< [V] local, in the rest plane
   std::vector<double> radius_m;       ///< [V] within which hinges count
   MomentNodes nodes;
+  std::vector<float> node_area_m2;     ///< [N] hinge areas
   Stencil rows;                        ///< nodes to vertices,
   std::vector<std::uint32_t> targets;  ///< [V] the vertex of each row
   std::vector<Moment> response;        ///< [V] to a row's sum: (½, 0, ½)(Kᵀ W K)⁻¹ for H, and 1/(2 area) for K

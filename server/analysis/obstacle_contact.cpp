@@ -2,16 +2,32 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+
+#include "server/sheet/simd.h"
 
 namespace rustle::analysis {
 
 using sheet::Triangle;
 using sheet::Vec3d;
 
+namespace {
+
+/// n·p + offset of every point.
+RUSTLE_SIMD void plane_distances_m(const sheet::Vec4f* points_m, std::size_t count, const Eigen::Vector3f& normal,
+                                   float offset_m, float* out_m) {
+  const float x = normal.x(), y = normal.y(), z = normal.z();
+  for (std::size_t i = 0; i < count; ++i) {
+    const float* const p = points_m[i].data();
+    out_m[i] = x * p[0] + y * p[1] + z * p[2] + offset_m;
+  }
+}
+
+}  // namespace
+
 void ObstacleContact::set(const scene::ObstacleSurface& obstacle) {
   obstacle_ = &obstacle;
   usual_edge_m_ = 0;
+  if (obstacle.is_plane()) plane_ = {obstacle.pose().position_m, obstacle.rotation().col(2), obstacle.motion()};
 }
 
 void ObstacleContact::select(const ContactGeometry& geometry, double radius_m, std::vector<std::uint32_t>& out_triangles) {
@@ -25,23 +41,13 @@ void ObstacleContact::select(const ContactGeometry& geometry, double radius_m, s
 
 void ObstacleContact::select_by_distance(const ContactGeometry& geometry, double radius_m,
                                          std::vector<std::uint32_t>& out_triangles) {
-  const Vec3d normal = obstacle_->rotation().col(2);
-  const Eigen::Vector3f n = normal.cast<float>();
-  const double origin_distance_m = normal.dot(geometry.origin_m.cast<double>() - obstacle_->pose().position_m);
-  const float offset_m = static_cast<float>(origin_distance_m);
+  const Eigen::Vector3f normal = plane_.normal.cast<float>();
+  const auto offset_m = static_cast<float>(plane_.normal.dot(geometry.origin_m.cast<double>() - plane_.position_m));
   const float limit_m = static_cast<float>(radius_m) + geometry.rounding_m() + 2e-6f * std::abs(offset_m);
-  const std::size_t vertices = geometry.relative_m.size();
-  distances_m_.resize(vertices);
-  float least_m = std::numeric_limits<float>::infinity();
-  for (std::size_t i = 0; i < vertices; ++i) {
-    const Eigen::Vector4f& p = geometry.relative_m[i];
-    const float distance_m = n.x() * p.x() + n.y() * p.y() + n.z() * p.z() + offset_m;
-    distances_m_[i] = distance_m;
-    least_m = std::min(least_m, distance_m);
-  }
-  if (least_m > limit_m) return;
+  distances_m_.resize(geometry.relative_m.size());
+  plane_distances_m(geometry.relative_m.data(), distances_m_.size(), normal, offset_m, distances_m_.data());
   const auto triangles = geometry.frame->topology->triangles();
-  out_triangles.resize(triangles.size());
+  out_triangles.resize(triangles.size() + 1);  // what is not near is written behind
   std::size_t count = 0;
   for (std::uint32_t t = 0; t < triangles.size(); ++t) {
     const Triangle& v = triangles[t];
@@ -104,16 +110,6 @@ void ObstacleContact::select_by_box(const ContactGeometry& geometry, double radi
 }
 
 bool ObstacleContact::touch(const Vec3d& point_m, const SheetSpot&, double radius_m, Touch& out) {
-  if (obstacle_->is_plane()) {
-    out.normal = obstacle_->rotation().col(2);
-    out.distance_m = out.normal.dot(point_m - obstacle_->pose().position_m);
-    if (out.distance_m > radius_m) return false;
-    out.side_normal = out.normal;
-    out.velocity_m_per_s = obstacle_->motion().at(point_m - out.distance_m * out.normal);
-    out.velocity_known = true;
-    out.triangle = sheet::kNone;
-    return true;
-  }
   const auto closest = obstacle_->closest(point_m, radius_m);
   if (!closest) return false;
   // A mesh may be open: both of its sides are outside.
@@ -125,10 +121,6 @@ bool ObstacleContact::touch(const Vec3d& point_m, const SheetSpot&, double radiu
   out.velocity_known = true;
   out.triangle = closest->triangle;
   return true;
-}
-
-double ObstacleContact::range_beyond_m() const {
-  return obstacle_->is_plane() ? std::numeric_limits<double>::infinity() : usual_edge_m_;
 }
 
 }  // namespace rustle::analysis

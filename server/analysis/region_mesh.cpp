@@ -12,9 +12,7 @@ std::span<const sheet::Vec4f> RegionMesh::positions_m(std::span<const sheet::Vec
 
 void RegionMesh::gather_marks(const std::vector<bool>& fine, std::vector<std::uint8_t>& out) const {
   out.assign(stencils.topology->vertex_count(), 0);
-  for (std::size_t i = 0; i < fine.size(); ++i) {
-    if (fine[i]) out[proxy ? proxy->nearest[i] : i] = 1;
-  }
+  for (std::size_t i = 0; i < fine.size(); ++i) out[proxy ? proxy->nearest[i] : i] |= fine[i] ? 1 : 0;
 }
 
 void RegionMesh::mark(std::span<const std::uint32_t> fine_vertices, std::vector<std::uint8_t>& marks) const {

@@ -137,7 +137,8 @@ std::vector<Resonator> ResonatorFinder::reached_from(std::span<const std::uint32
   Reach& reach = reach_[stop == StopAt::kRidgesAndHolds ? 0 : 1];
   if (!reach.known) join_reachable(stop, reach.sets), reach.known = true;
   sounding_.assign(map_->region_count, 0);
-  for (const std::uint32_t f : triangles) sounding_[reach.sets.find(map_->region[f])] = 1;
+  for (const std::uint32_t f : triangles) sounding_[map_->region[f]] = 1;
+  for (std::uint32_t r = 0; r < map_->region_count; ++r) sounding_[reach.sets.find(r)] |= sounding_[r];
   const auto sounds = [&](std::uint32_t r) { return sounding_[reach.sets.find(r)] && !triangles_of(r).empty(); };
   std::size_t count = 0;
   for (std::uint32_t r = 0; r < map_->region_count; ++r) count += sounds(r) ? 1 : 0;

@@ -1,14 +1,17 @@
 #include "server/analysis/sheet_analyzer.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <utility>
 
 #include "server/analysis/resonators.h"
 #include "server/analysis/rigid_motion.h"
+#include "server/sheet/simd.h"
 #include "server/sheet/transfer.h"
 
 namespace rustle::analysis {
@@ -22,6 +25,43 @@ using sheet::Vec4f;
 
 constexpr int kUnidentifiedFrames = 3;  // in a row: a single cut or repair is no matter
 constexpr double kLongestUnit_s = 1.0;  // a crumpling unit sounds no longer after its event
+
+/// How much a moment may change for a partition to serve on.
+struct BendingChange {
+  float least_per_m, share, growth;
+};
+
+/// Whether at every node the moment m is what it was, or has become one between (1 - growth) m and (1 + growth) m, but for
+/// least · area + share · Σ |θ||e| in each of its numbers.
+RUSTLE_SIMD bool bent_alike(const Moment* then, const Moment* now, const float* areas_m2, std::size_t count,
+                            const BendingChange& allowed) {
+  const float low = 1 - allowed.growth, high = 1 + allowed.growth;
+  std::int32_t others = 0;
+  for (std::size_t n = 0; n < count; ++n) {
+    const float *const m = then[n].data(), *const here = now[n].data();
+    const float squared = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], along = m[0] * here[0] + m[1] * here[1] + m[2] * here[2];
+    const float ratio = along / (squared > 0 ? squared : 1.0f), clamped = ratio < low ? low : ratio > high ? high : ratio;
+    const float grown = squared > 0 ? clamped : 1.0f, size = std::fabs(here[3] - m[3]);
+    const float most = allowed.least_per_m * areas_m2[n] + allowed.share * m[3];
+    const auto differs = [&](std::size_t k, float times) { return std::fabs(here[k] - times * m[k]) > most; };
+    const bool moved = differs(0, 1) | differs(1, 1) | differs(2, 1) | (size > most);
+    const bool turned = differs(0, grown) | differs(1, grown) | differs(2, grown) | (size - allowed.growth * m[3] > most);
+    others += moved & turned;
+  }
+  return others == 0;
+}
+
+/// Σ |x|, in so many sums that none waits for itself.
+double sum_of_sizes(std::span<const float> values) {
+  constexpr std::size_t kSums = 8;
+  std::array<double, kSums> sums{};
+  std::size_t i = 0;
+  for (; i + kSums <= values.size(); i += kSums) {
+    for (std::size_t k = 0; k < kSums; ++k) sums[k] += static_cast<double>(std::fabs(values[i + k]));
+  }
+  for (; i < values.size(); ++i) sums[0] += static_cast<double>(std::fabs(values[i]));
+  return std::accumulate(sums.begin(), sums.end(), 0.0);
+}
 
 /// What sounds where there is no triangle to vibrate.
 Resonator constrained_at(const Vec3d& position_m, double area_m2) {
@@ -93,8 +133,9 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
 
   const std::optional<Arrival> arrival = follow_topology(frame);
   const CurvatureStencils& curvature = *state_.curvature;
-  const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
-  sheet::relative_positions_m(frame.positions_m, origin_m, scratch_.relative_m);
+  const Vec3f near_m = sheet::mean_position_m(frame.positions_m);
+  const Vec3d origin_m = near_m.cast<double>();
+  sheet::relative_positions_m(frame.positions_m, near_m, scratch_.relative_m);
   scratch_.angles_rad.resize(curvature.hinges.size());
   sheet::dihedral_angles_rad(curvature.hinges, scratch_.relative_m, scratch_.angles_rad);
   const CrumplingInputs inputs{curvature,
@@ -209,21 +250,10 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
 bool SheetAnalyzer::partition_serves(double time_s) const {
   const auto &then = state_.partition_moments, &now = state_.crumpling.now.moments;
   if (then.size() != now.size() || time_s - state_.partition_s > parameters_.partition_age_s) return false;
-  const auto least = static_cast<float>(parameters_.partition_change_per_m),
-             share = static_cast<float>(parameters_.partition_change_relative),
-             growth = static_cast<float>(parameters_.partition_growth);
-  const auto& areas_m2 = state_.curvature->nodes.area_m2;
-  for (std::size_t n = 0; n < now.size(); ++n) {
-    const Moment &m = then[n], &here = now[n];
-    const float most = least * static_cast<float>(areas_m2[n]) + share * m[3];
-    if ((here - m).abs().maxCoeff() <= most) continue;
-    const float squared = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], along = m[0] * here[0] + m[1] * here[1] + m[2] * here[2];
-    const float grown = std::clamp(squared > 0 ? along / squared : 1.0f, 1 - growth, 1 + growth);
-    const float other = std::max({std::fabs(here[0] - grown * m[0]), std::fabs(here[1] - grown * m[1]),
-                                  std::fabs(here[2] - grown * m[2]), std::fabs(here[3] - m[3]) - growth * m[3]});
-    if (other > most) return false;
-  }
-  return true;
+  const BendingChange allowed{static_cast<float>(parameters_.partition_change_per_m),
+                              static_cast<float>(parameters_.partition_change_relative),
+                              static_cast<float>(parameters_.partition_growth)};
+  return bent_alike(then.data(), now.data(), state_.curvature->node_area_m2.data(), now.size(), allowed);
 }
 
 void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& origin_m, Observation& observation) {
@@ -294,9 +324,8 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
 
 void SheetAnalyzer::remember_bending(double time_s) {
   const auto& curvature_per_m = state_.crumpling.curvature_per_m;
-  double sum = 0;
-  for (const float h : curvature_per_m) sum += std::abs(h);
-  const double bending_per_m = curvature_per_m.empty() ? 0 : sum / static_cast<double>(curvature_per_m.size());
+  const double bending_per_m =
+      curvature_per_m.empty() ? 0 : sum_of_sizes(curvature_per_m) / static_cast<double>(curvature_per_m.size());
   auto& bent = state_.bent;
   const auto let_go = [&](auto entry) {  // its memory is used again
     scratch_.spare_m.push_back(std::move(entry->relative_m));
@@ -342,9 +371,10 @@ void SheetAnalyzer::remember(const sheet::MeshFrame& frame) {
 RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters,
                               std::span<const observation::FrictionContact> contacts) {
   RegionPicture out;
-  const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
+  const Vec3f near_m = sheet::mean_position_m(frame.positions_m);
+  const Vec3d origin_m = near_m.cast<double>();
   std::vector<Vec4f> relative_m, gathered_m;
-  sheet::relative_positions_m(frame.positions_m, origin_m, relative_m);
+  sheet::relative_positions_m(frame.positions_m, near_m, relative_m);
   const sheet::SentPartition* sent =
       frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
   const RegionMesh mesh =

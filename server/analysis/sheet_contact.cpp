@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "server/sheet/face_geometry.h"
+
 namespace rustle::analysis {
 namespace {
 
@@ -48,7 +50,7 @@ void PosedSheet::update(const std::shared_ptr<const sheet::Topology>& topology, 
     ++builds_;
   }
   positions_m_ = positions_m;
-  make_relative(positions_m, origin_m, relative_m_);
+  sheet::relative_positions_m(positions_m, origin_m, relative_m_);
   tree_.refit(topology->triangles(), relative_m_);
 }
 

@@ -25,7 +25,7 @@ struct VertexVelocities {
   sheet::Vec3d at(std::uint32_t vertex) const {
     if (!sent_m_per_s.empty()) return sent_m_per_s[vertex].cast<double>();
     if (!located_m_per_s.empty()) return *located_m_per_s[vertex];
-    return (now_m[vertex].cast<double>() - before_m[vertex].cast<double>()) / interval_s;
+    return (now_m[vertex].cast<double>() - before_m[vertex].cast<double>()) * (1 / interval_s);
   }
 };
 

@@ -27,10 +27,10 @@ class UnfoldedProof {
 
   bool still_stands(const ContactGeometry& geometry) const;
   bool prove(const ContactGeometry& geometry);
-  sheet::Vec3d mean_normal(const ContactGeometry& geometry) const;
-  void project_border(const ContactGeometry& geometry, const sheet::Vec3d& axis);
-  float star_margin_m() const;
-  bool border_crosses_itself();
+  sheet::Vec4f mean_normal(const ContactGeometry& geometry) const;
+  float star_margin_m(const ContactGeometry& geometry, const sheet::Vec4f& axis) const;
+  void project_border(const ContactGeometry& geometry, const sheet::Vec4f& axis);
+  bool border_crosses_itself(const ContactGeometry& geometry, const sheet::Vec4f& axis);
 
   std::shared_ptr<const sheet::Topology> topology_;
   bool connected_ = false;

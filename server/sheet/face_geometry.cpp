@@ -69,40 +69,30 @@ RUSTLE_SIMD Vec3d sum_of(const Vec3f* positions_m, std::size_t count) {
   return out;
 }
 
-RUSTLE_SIMD void differences(const Vec3f* positions_m, std::size_t count, const Vec3d& origin_m, Vec4f* out_m) {
-  const Double4 origin = {origin_m.x(), origin_m.y(), origin_m.z(), 0};
+void differences(const Vec3f* positions_m, std::size_t count, const Vec3f& origin_m, Vec4f* out_m) {
+  if (count == 0) return;
+  const Float4 origin = {origin_m.x(), origin_m.y(), origin_m.z(), 0};
   for (std::size_t i = 0; i + 1 < count; ++i) {
-    const Double4 position = __builtin_convertvector(reinterpret_cast<const Float4&>(positions_m[i]), Double4);
-    Float4 difference = __builtin_convertvector(position - origin, Float4);
+    Float4 difference = reinterpret_cast<const Float4&>(positions_m[i]) - origin;
     difference[3] = 0;
     reinterpret_cast<Float4&>(out_m[i]) = difference;
   }
-  if (count == 0) return;
-  const Vec3f last = (positions_m[count - 1].cast<double>() - origin_m).cast<float>();
+  const Vec3f last = positions_m[count - 1] - origin_m;
   out_m[count - 1] = {last.x(), last.y(), last.z(), 0.0f};
 }
 
-}  // namespace
-
-Vec3d mean_position_m(std::span<const Vec3f> positions_m) {
-  if (positions_m.empty()) return Vec3d::Zero();
-  return sum_of(positions_m.data(), positions_m.size()) / static_cast<double>(positions_m.size());
-}
-
-void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origin_m, std::vector<Vec4f>& out_m) {
-  out_m.resize(positions_m.size());
-  differences(positions_m.data(), positions_m.size(), origin_m, out_m.data());
-}
-
-void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::vector<float>& out_m2) {
+/// Of `count` triangles, the k-th of which is which(k).
+template <class Which>
+void measure_areas(const Topology& topology, std::span<const Vec4f> positions_m, std::size_t count, Which&& which,
+                   std::vector<float>& out_m2) {
   const auto triangles = topology.triangles();
-  out_m2.resize(triangles.size());
+  out_m2.resize(count);
   VectorBatch a, b;
   float area_m2[kBatch];
   in_batches(
-      triangles.size(),
-      [&](std::size_t f, std::size_t i) {
-        const Triangle& v = triangles[f];
+      count,
+      [&](std::size_t k, std::size_t i) {
+        const Triangle& v = triangles[which(k)];
         const Vec4f& start = positions_m[v[0]];
         a.put(i, positions_m[v[1]] - start);
         b.put(i, positions_m[v[2]] - start);
@@ -111,6 +101,29 @@ void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m,
         areas_of(a, b, area_m2);
         std::copy_n(area_m2, here, out_m2.begin() + static_cast<std::ptrdiff_t>(first));
       });
+}
+
+}  // namespace
+
+Vec3f mean_position_m(std::span<const Vec3f> positions_m) {
+  if (positions_m.empty()) return Vec3f::Zero();
+  return (sum_of(positions_m.data(), positions_m.size()) / static_cast<double>(positions_m.size())).cast<float>();
+}
+
+void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3f& origin_m, std::vector<Vec4f>& out_m) {
+  out_m.resize(positions_m.size());
+  differences(positions_m.data(), positions_m.size(), origin_m, out_m.data());
+}
+
+void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::vector<float>& out_m2) {
+  measure_areas(
+      topology, positions_m, topology.triangle_count(), [](std::size_t f) { return f; }, out_m2);
+}
+
+void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::span<const std::uint32_t> triangles,
+                   std::vector<float>& out_m2) {
+  measure_areas(
+      topology, positions_m, triangles.size(), [&](std::size_t k) { return triangles[k]; }, out_m2);
 }
 
 void vertex_areas_m2(const Topology& topology, std::span<const float> face_areas_m2, std::vector<float>& out_m2) {

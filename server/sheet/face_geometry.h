@@ -10,14 +10,19 @@
 
 namespace rustle::sheet {
 
-/// Mean of the positions, in double. Zero for none.
-[[nodiscard]] Vec3d mean_position_m(std::span<const Vec3f> positions_m);
+/// Mean of the positions, summed in double. Zero for none.
+[[nodiscard]] Vec3f mean_position_m(std::span<const Vec3f> positions_m);
 
-/// Positions relative to `origin_m`, differenced in double: what follows may use float even far from the origin.
-void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3d& origin_m, std::vector<Vec4f>& out_m);
+/// Positions relative to `origin_m`, which is a float itself: differences are rounded once, as if made in double, and what
+/// follows may use float even far from the origin.
+void relative_positions_m(std::span<const Vec3f> positions_m, const Vec3f& origin_m, std::vector<Vec4f>& out_m);
 
 /// Areas of the triangles. Allocates nothing once `out_m2` has its size. [T]
 void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::vector<float>& out_m2);
+
+/// Of some of them. [triangles]
+void face_areas_m2(const Topology& topology, std::span<const Vec4f> positions_m, std::span<const std::uint32_t> triangles,
+                   std::vector<float>& out_m2);
 
 /// Barycentric dual areas: a third of every triangle around a vertex. [V]
 void vertex_areas_m2(const Topology& topology, std::span<const float> face_areas_m2, std::vector<float>& out_m2);

@@ -149,9 +149,10 @@ class Stages {
         marks_(regions_.stencils.topology->vertex_count(), 0) {}
 
   void run(const MeshFrame& frame, const analysis::SheetSurroundings& surroundings) {
-    const Vec3d origin_m = sheet::mean_position_m(frame.positions_m);
+    const Vec3f near_m = sheet::mean_position_m(frame.positions_m);
+    const Vec3d origin_m = near_m.cast<double>();
     timings["curvature"].run([&] {
-      sheet::relative_positions_m(frame.positions_m, origin_m, relative_m_);
+      sheet::relative_positions_m(frame.positions_m, near_m, relative_m_);
       angles_rad_.resize(curvature_.hinges.size());
       sheet::dihedral_angles_rad(curvature_.hinges, relative_m_, angles_rad_);
       analysis::measure_curvature(curvature_, angles_rad_, now_);

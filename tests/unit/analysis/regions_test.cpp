@@ -111,7 +111,7 @@ TEST_CASE("a ridge stops the flood, an inflection does not, an anchor does") {
     analysis::RegionScratch scratch;
     analysis::RegionMap map;
     std::vector<sheet::Vec4f> relative;
-    sheet::relative_positions_m(frame.positions_m, sheet::Vec3d::Zero(), relative);
+    sheet::relative_positions_m(frame.positions_m, sheet::Vec3f::Zero(), relative);
     analysis::segment(stencils, {relative, {}}, 0, parameters, nullptr, scratch, map);
     analysis::Holds holds{std::vector<std::uint8_t>(frame.positions_m.size()),
                           std::vector<std::uint8_t>(frame.positions_m.size())};
