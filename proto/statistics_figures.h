@@ -36,6 +36,10 @@ void for_each_figure(Figure&& figure) {
   RUSTLE_FIGURE(samples_limited);
   RUSTLE_FIGURE(samples_not_finite);
   RUSTLE_FIGURE(voices_merged);
+  RUSTLE_FIGURE(frames_late);
+  RUSTLE_FIGURE(time_jumps);
+  RUSTLE_FIGURE(input_gaps);
+  RUSTLE_FIGURE(samples_in_input_gaps);
 #undef RUSTLE_FIGURE
 }
 

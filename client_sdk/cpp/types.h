@@ -222,6 +222,7 @@ struct Statistics {
   std::uint64_t voices = 0, voices_most = 0, voices_stolen = 0, voices_dropped = 0;
   std::uint64_t sources_dropped = 0, cues_dropped = 0, sounds_missing = 0, planes_left_out = 0;
   std::uint64_t samples_limited = 0, samples_not_finite = 0, voices_merged = 0;
+  std::uint64_t frames_late = 0, time_jumps = 0, input_gaps = 0, samples_in_input_gaps = 0;
   std::uint64_t crumpling_events = 0, friction_episodes = 0, tear_events = 0;
   double newest_time_s = 0, rendered_time_s = 0, playout_delay_s = 0, clock_drift_ppm = 0;
   std::uint32_t load_level = 0;

@@ -22,6 +22,15 @@ std::string connectable(const std::string& endpoint) {
   return allowed ? std::string() : allowed.error();
 }
 
+/// A list of processors, or nothing.
+Settings::Check processors(std::string key) {
+  return [key = std::move(key)](const std::string& list) -> std::string {
+    if (list.empty()) return {};
+    const auto cpus = session::parse_cpus(list);
+    return cpus ? std::string() : key + ": " + cpus.error();
+  };
+}
+
 }  // namespace
 
 Settings settings_of(Configuration& configuration) {
@@ -41,7 +50,14 @@ Settings settings_of(Configuration& configuration) {
   all.section("sessions", "How many sheets at a time, and what they are given when they do not say");
   all.integer("sessions.most", "--max-sessions", daemon.max_sessions, {1, 100000}, "Sessions at a time");
   all.reloadable();
-  all.integer("sessions.workers", "--workers", daemon.analysis_workers, {1, 256}, "Analysis threads");
+  all.integer("sessions.analysis_workers", "--analysis-workers", daemon.analysis_workers, {1, 256},
+              "Analysis threads, beside one for sessions whose frames take less than 4 ms");
+  all.integer("sessions.render_workers", "--render-workers", daemon.render_workers, {1, 256},
+              "Render threads, at real-time priority where the system grants it");
+  all.text("sessions.analysis_affinity", "--analysis-affinity", configuration.analysis_affinity,
+           "Processors that analysis threads run on, such as 0-2,5; \"\" for all", processors("sessions.analysis_affinity"));
+  all.text("sessions.render_affinity", "--render-affinity", configuration.render_affinity,
+           "Processors that render threads run on; \"\" for all", processors("sessions.render_affinity"));
 
   all.section("audio", "Sound of sessions that do not say otherwise, and the device that plays live ones");
   all.number_of("audio.rate", "--rate", daemon.rate_hz, {44100, 48000, 96000}, "Sample rate of sessions that do not say");
@@ -66,6 +82,8 @@ Settings settings_of(Configuration& configuration) {
 
 DaemonOptions daemon_options(const Configuration& configuration) {
   DaemonOptions options = configuration.daemon;
+  options.analysis_cpus = session::parse_cpus(configuration.analysis_affinity).value_or(std::vector<int>{});
+  options.render_cpus = session::parse_cpus(configuration.render_affinity).value_or(std::vector<int>{});
   if (configuration.device == "none") return options;
   auto& playback = options.playback.emplace();
   playback.device.api = sinks::audio_api_of(configuration.audio_api).value();

@@ -16,6 +16,7 @@ struct Configuration {
   std::string device = "default";  ///< of playback: all or a part of a name, "default", or "none"
   std::string audio_api = "auto";
   double device_buffer_ms = 30;
+  std::string analysis_affinity, render_affinity;  ///< processors, such as "0-2,5"; empty: all
 };
 
 /// Declares every setting of `configuration`, which must outlive the result.

@@ -111,8 +111,20 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
     daemon->playback_ = std::make_unique<sinks::Playback>(*daemon->options_.playback,
                                                           [](const std::string& what) { spdlog::info("{}", what); });
   }
-  daemon->scheduler_ = std::make_unique<session::Scheduler>(daemon->options_.analysis_workers, *daemon->clock_,
-                                                            [sockets = daemon->sockets_.get()] { sockets->wake(); });
+  const auto& wanted = daemon->options_;
+  daemon->scheduler_ = std::make_unique<session::Scheduler>(
+      session::Scheduler::Options{wanted.analysis_workers, wanted.render_workers, wanted.analysis_cpus, wanted.render_cpus},
+      *daemon->clock_, [sockets = daemon->sockets_.get()] { sockets->wake(); });
+  if (!daemon->scheduler_->pinned())
+    return tl::unexpected(std::string(
+        "sessions.analysis_affinity, sessions.render_affinity: name only processors that this machine has for us; "
+        "`nproc` says how many there are."));
+  if (daemon->scheduler_->render_priority() != session::Priority::kRealTime) {
+    spdlog::info(
+        "rendering has no real-time priority, only {}: under load sound may come late; grant it with `ulimit -r 10`, or "
+        "AmbientCapabilities=CAP_SYS_NICE in a systemd unit",
+        daemon->scheduler_->render_priority() == session::Priority::kNice ? "a nice value before others" : "the usual one");
+  }
   return daemon;
 }
 
@@ -269,7 +281,7 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
   for (const auto& sheet : body.sheets) {
     if (auto added = admitted.decoder.add_sheet(sheet); !added) {
       const wire::Error error = added.error();
-      scheduler_->remove(*admitted.session);
+      scheduler_->remove(admitted.session);
       guests_.erase(id);
       return error;
     }
@@ -370,7 +382,7 @@ void Daemon::handle(wire::StreamReceived& event) {
       return;
     }
     spdlog::info("session {} starts again", envelope->session_id());
-    scheduler_->remove(*known->session);
+    scheduler_->remove(known->session);
     if (playback_ && known->played) playback_->end(*known->played);
     guests_.erase(envelope->session_id());
   }
@@ -441,22 +453,23 @@ void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
   sender.last_heard = clock_->now();
   ++sender.messages;
   const std::uint64_t sequence = envelope.sequence();
-  if (sequence > sender.last_sequence) {
-    if (sender.last_sequence != 0) sender.sequence_gaps += sequence - sender.last_sequence - 1;
-    sender.last_sequence = sequence;
-  }
+  sender.last_sequence = std::max(sender.last_sequence, sequence);
   if (envelope.sent_at_s() != 0)
     sender.drift.add(envelope.sent_at_s(), std::chrono::duration<double>(sender.last_heard).count());
   const bool is_frame = envelope.body() == wire::StreamEnvelope::Body::kFrame;
   auto decoded = sender.decoder.decode(envelope);
   if (!decoded) {
     ++sender.refused;
+    sender.session->pass_over(sequence);
     if (is_frame) sender.session->count_drop(std::string(wire::code_name(decoded.error().code)));
     notify(sender, decoded.error());
     return;
   }
   sender.kept_bytes += envelope.bytes();
-  if (!decoded->item) return;
+  if (!decoded->item) {
+    sender.session->pass_over(sequence);
+    return;
+  }
   if (is_frame && envelope.sheet_id() && envelope.time_s()) sender.newest_frame_s[*envelope.sheet_id()] = *envelope.time_s();
   switch (sender.session->offer(std::move(*decoded->item), sequence, std::exchange(sender.kept_bytes, 0))) {
     case session::Offer::kTaken:
@@ -467,8 +480,8 @@ void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
       ++sender.refused;
       notify(sender, {wire::ErrorCode::kOverloaded,
                       "stream",
-                      fmt::format("The session's inbox is full: {} messages or {} MiB wait.",
-                                  session::Session::kInboxMessages, session::Session::kInboxBytes >> 20),
+                      fmt::format("The session's inbox is full: {} messages or {} MiB wait.", session::Inbox::kMessages,
+                                  session::Inbox::kBytes >> 20),
                       "Wait for credit before sending on, as the SDKs do.",
                       sequence,
                       std::nullopt,
@@ -656,7 +669,7 @@ void Daemon::let_go() {
     const auto limit = gone ? kGoneKept : kIdleKept;
     if (!kept.finished && !kept.detached && now - kept.last_heard > limit) end_idle(kept, limit);
     if (kept.finished && kept.goodbyes.empty() && (kept.detached || now - kept.finished_at > kFinishedKept)) {
-      scheduler_->remove(*kept.session);
+      scheduler_->remove(kept.session);
       if (playback_ && kept.played) playback_->end(*kept.played);
       entry = guests_.erase(entry);
     } else {

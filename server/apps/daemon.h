@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <filesystem>
 #include <functional>
@@ -26,7 +27,9 @@ namespace rustle::apps {
 
 struct DaemonOptions {
   wire::Sockets::Options sockets;
-  int analysis_workers = 1;
+  int analysis_workers = std::max(1, session::usable_cpus() - 1);
+  int render_workers = 1;
+  std::vector<int> analysis_cpus, render_cpus;  ///< where they run; empty: anywhere
   std::uint32_t rate_hz = 48000;
   std::uint32_t block_size = 128;
   std::size_t max_sessions = 256;
@@ -84,7 +87,7 @@ class Daemon {
     std::string name;
     bool attached;  ///< by control; else by an announcement
     bool detached = false;
-    std::uint64_t last_sequence = 0, sequence_gaps = 0, messages = 0, refused = 0;
+    std::uint64_t last_sequence = 0, messages = 0, refused = 0;
     std::uint64_t samples_sent = 0, samples_in_gaps = 0;
     std::size_t kept_bytes = 0;  ///< of messages since the last item that became none, such as topologies
     session::ClockDrift drift;

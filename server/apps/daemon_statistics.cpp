@@ -12,7 +12,7 @@ wire::Statistics Daemon::statistics(const Guest& asked) const {
   out.frames_analysed = counters.frames_analysed;
   out.frames_dropped = counters.frames_dropped;
   out.messages_refused = asked.refused;
-  out.sequence_gaps = asked.sequence_gaps;
+  out.sequence_gaps = counters.sequence_gaps;
   out.samples_due = counters.samples_due;
   out.samples_sent = asked.samples_sent;
   out.samples_in_gaps = asked.samples_in_gaps;
@@ -32,8 +32,12 @@ wire::Statistics Daemon::statistics(const Guest& asked) const {
   out.tear_events = counters.tear_events;
   out.newest_time_s = counters.newest_time_s;
   out.rendered_time_s = asked.session->time_of(asked.session->samples_rendered());
-  out.playout_delay_s = *options.playout_delay_s;
-  out.clock_drift_ppm = asked.drift.ppm();
+  out.frames_late = counters.frames_late;
+  out.time_jumps = counters.time_jumps;
+  out.input_gaps = counters.input_gaps.gaps;
+  out.samples_in_input_gaps = counters.input_gaps.samples;
+  out.playout_delay_s = counters.playout_delay_s;
+  out.clock_drift_ppm = options.clock == session::Clock::kLive ? counters.clock_drift_ppm : asked.drift.ppm();
   return out;
 }
 

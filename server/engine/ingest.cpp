@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "server/spatial/listener.h"
@@ -35,16 +36,6 @@ sheet::Vec3d centroid_of(const sheet::MeshFrame& frame) {
   return frame.positions_m.empty() ? sum : sheet::Vec3d(sum / static_cast<double>(frame.positions_m.size()));
 }
 
-/// Every time of an observation moved by `by_s`.
-void shift_times(observation::Observation& observed, double by_s) {
-  observed.time_s += by_s;
-  observed.previous_time_s += by_s;
-  for (auto& event : observed.crumpling) {
-    event.time_s += by_s;
-    event.confirmed_s += by_s;
-  }
-}
-
 }  // namespace
 
 struct Ingest::SheetState {
@@ -64,18 +55,20 @@ Ingest::Ingest(Options options, std::shared_ptr<pack::PackLibrary> packs)
     : options_(std::move(options)),
       packs_(std::move(packs)),
       planner_(plan_options(options_)),
-      origin_s_(options_.time_origin_s),
+      mapping_{options_.time_origin_s, 0, static_cast<double>(options_.rate_hz), 0},
       advanced_s_(-std::numeric_limits<double>::infinity()),
       newest_s_(options_.time_origin_s) {}
 
 Ingest::~Ingest() = default;
 
 SampleTime Ingest::sample_of(double time_s) const {
-  return static_cast<SampleTime>(std::llround(std::clamp(on_sample_axis(time_s) * options_.rate_hz, -1e17, 1e17)));
+  return static_cast<SampleTime>(std::llround(mapping_.position(time_s)));
 }
 
-void Ingest::place(double time_s, SampleTime sample) {
-  origin_s_ = time_s - static_cast<double>(sample) / options_.rate_hz;
+double Ingest::on_sample_axis(double time_s) const {
+  // A rate of exactly 1 leaves simulation time as it is, bit for bit.
+  const double rate = mapping_.samples_per_s / options_.rate_hz;
+  return static_cast<double>(mapping_.first_sample) / options_.rate_hz + (time_s - mapping_.first_time_s) * rate;
 }
 
 Ingest::Taken Ingest::accept(const StreamItem& item, CueBatch& batch) {
@@ -161,14 +154,28 @@ Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
   auto observed = state.analyzer.analyze(frame, surroundings, next_event_id_);
   state.quiet = observed.friction.empty() && observed.tears.empty();
 
-  shift_times(observed, -origin_s_);
-  planner_.plan(observed, earliest_, batch.cues);
-  shift_times(observed, origin_s_);
-
+  plan(observed, batch);
   state.previous = std::move(state.newest);
   state.newest = std::move(frame);
   newest_s_ = std::max(newest_s_, state.newest->time_s);
   return observed;
+}
+
+void Ingest::plan(observation::Observation& observed, CueBatch& batch) {
+  const double time_s = observed.time_s, previous_s = observed.previous_time_s;
+  std::vector<std::pair<double, double>> events;
+  for (auto& event : observed.crumpling) {
+    events.emplace_back(event.time_s, event.confirmed_s);
+    event.time_s = on_sample_axis(event.time_s);
+    event.confirmed_s = on_sample_axis(event.confirmed_s);
+  }
+  observed.time_s = on_sample_axis(time_s);
+  observed.previous_time_s = on_sample_axis(previous_s);
+  planner_.plan(observed, earliest_, batch.cues);
+  observed.time_s = time_s;
+  observed.previous_time_s = previous_s;
+  for (std::size_t k = 0; k < events.size(); ++k)
+    std::tie(observed.crumpling[k].time_s, observed.crumpling[k].confirmed_s) = events[k];
 }
 
 Ingest::Taken Ingest::take(const TearTips& tips, CueBatch&) {
@@ -248,6 +255,17 @@ void Ingest::fall_quiet(CueBatch& batch) {
     state->quiet = true;
   }
   settle_horizon(batch);
+}
+
+void Ingest::start_again(CueBatch& batch) {
+  fall_quiet(batch);
+  newest_s_ = advanced_s_ = -std::numeric_limits<double>::infinity();
+  scene_.start_again();
+  for (const auto& [id, state] : sheets_) {
+    state->newest.reset();  // its analyzer sees by itself that time has stepped back
+    state->previous.reset();
+    state->tips.clear();
+  }
 }
 
 void Ingest::settle_horizon(CueBatch& batch) {

@@ -13,6 +13,7 @@
 #include "server/engine/cue_batch.h"
 #include "server/engine/options.h"
 #include "server/engine/stream_item.h"
+#include "server/engine/time_mapping.h"
 #include "server/scene/scene_state.h"
 #include "server/synthesis/planner.h"
 #include "sound_db/pack/library.h"
@@ -43,8 +44,10 @@ class Ingest {
 
   // ---- live sessions, whose sample axis follows the audio clock
 
-  /// From now on simulation time `time_s` lies at `sample`.
-  void place(double time_s, synthesis::SampleTime sample);
+  /// From now on simulation time lies on the sample axis so.
+  void map_time(const TimeMapping& mapping) { mapping_ = mapping; }
+  /// Simulation time has stepped back: sheets are met anew, what sustains of them ends.
+  void start_again(CueBatch& batch);
   /// Everything before `sample` has been rendered: what is planned from now on starts there or later.
   void set_rendered(synthesis::SampleTime sample) {
     earliest_ = sample;
@@ -74,7 +77,9 @@ class Ingest {
   /// Obstacles as they are when a frame is taken: planes that move are followed frame by frame.
   void plan_planes(double time_s, CueBatch& batch);
   /// Seconds since sample 0.
-  double on_sample_axis(double time_s) const { return time_s - origin_s_; }
+  double on_sample_axis(double time_s) const;
+  /// The observation's cues; its times are those of the sample axis meanwhile.
+  void plan(observation::Observation& observed, CueBatch& batch);
   /// The promise: sound before this sample is complete once the batch has been applied.
   void settle_horizon(CueBatch& batch);
 
@@ -86,8 +91,8 @@ class Ingest {
   std::optional<scene::Listener> listener_;
   bool planes_known_ = false;
   sheet::Vec3d sheets_centre_m_ = sheet::Vec3d::Zero();  ///< of the newest frame: where a listener without forward looks
-  double origin_s_;                                      ///< simulation time of sample 0
-  double advanced_s_;                                    ///< as far as an Advance said
+  TimeMapping mapping_;
+  double advanced_s_;  ///< as far as an Advance said
   synthesis::SampleTime horizon_ = 0;
   synthesis::SampleTime earliest_ = 0;
   bool live_ = false;

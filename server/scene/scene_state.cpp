@@ -11,6 +11,7 @@ namespace rustle::scene {
 namespace {
 
 constexpr double kHistory_s = 0.25;
+constexpr double kBeforeAll_s = -1e12;  // earlier than any time that a stream may name
 
 /// Two neighbouring keys and the share of the way from the first to the second.
 struct Between {
@@ -76,6 +77,14 @@ void ObstacleTrack::add(double time_s, const Pose& pose) {
 
 void ObstacleTrack::add(double time_s, std::vector<Vec3f> vertices_m) {
   append(vertices_, VerticesKey{time_s, std::make_shared<const std::vector<Vec3f>>(std::move(vertices_m))});
+}
+
+void ObstacleTrack::start_again() {
+  poses_.erase(poses_.begin(), poses_.end() - 1);
+  poses_.back().time_s = kBeforeAll_s;
+  if (vertices_.empty()) return;
+  vertices_.erase(vertices_.begin(), vertices_.end() - 1);
+  vertices_.back().time_s = kBeforeAll_s;
 }
 
 Pose ObstacleTrack::pose(double time_s) const {
@@ -227,6 +236,13 @@ tl::expected<void, std::string> SceneState::apply(const Listener& listener) {
   }
   append(listeners_, listener);
   return {};
+}
+
+void SceneState::start_again() {
+  time_s_.reset();
+  listeners_.erase(listeners_.begin(), listeners_.empty() ? listeners_.end() : listeners_.end() - 1);
+  for (auto& listener : listeners_) listener.time_s = kBeforeAll_s;
+  for (auto& [id, track] : obstacles_) track.start_again();
 }
 
 void SceneState::clear() {

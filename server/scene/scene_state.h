@@ -72,6 +72,7 @@ class ObstacleTrack {
 
   void add(double time_s, const Pose& pose);
   void add(double time_s, std::vector<Vec3f> vertices_m);
+  void start_again();
 
   std::shared_ptr<const Obstacle> description_;
   std::uint64_t revision_;
@@ -90,6 +91,9 @@ class SceneState {
 
   /// Error: time before the last listener's.
   [[nodiscard]] tl::expected<void, std::string> apply(const Listener& listener);
+
+  /// Time begins anew: what is there stays where it is newest, at rest, and the next update may have any time.
+  void start_again();
 
   /// Forgets everything, as at a session's start.
   void clear();

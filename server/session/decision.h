@@ -37,6 +37,7 @@ struct Step {
   std::variant<Given, Failed, FellQuiet, Ended> what;
   std::optional<synthesis::SampleTime> earliest;  ///< what it planned begins here or later; live clock only
   synthesis::SampleTime accepted_at = 0;          ///< first sample that its cues took part in
+  bool start_again = false;                       ///< simulation time had stepped back: Ingest::start_again came before it
 
   bool operator==(const Step&) const = default;
 };

@@ -48,8 +48,9 @@ class AnalysisStage {
     if (!directed) return std::nullopt;
     Planned planned;
     planned.accepted_at = directed->accepted_at;
-    if (directed->mapping) ingest_.place(directed->mapping->first_time_s, directed->mapping->first_sample);
     if (directed->earliest) ingest_.set_rendered(*directed->earliest);
+    if (directed->start_again) ingest_.start_again(planned.cues);
+    if (directed->mapping) ingest_.map_time(*directed->mapping);
     if (const auto* item = std::get_if<engine::StreamItem>(&directed->what)) take(*item, planned.cues);
     if (std::holds_alternative<FellQuiet>(directed->what)) ingest_.fall_quiet(planned.cues);
     return planned;

@@ -21,6 +21,7 @@ struct DirectedItem {
   std::optional<engine::TimeMapping> mapping;
   std::optional<synthesis::SampleTime> earliest;
   synthesis::SampleTime accepted_at = 0;  ///< sound before it does not know of the step; does not decrease
+  bool start_again = false;               ///< simulation time steps back here
 };
 
 /// What an offline render reads from and hands to. Calls come from the thread that calls render_offline, except

@@ -1,108 +1,163 @@
 #include "server/session/scheduler.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace rustle::session {
 namespace {
 
-// Sessions out of step with each other are served together.
-constexpr std::chrono::milliseconds kLeastWait{1};
+constexpr std::chrono::milliseconds kTurn{2};
+// Sessions out of step with each other are rendered together.
+constexpr std::chrono::microseconds kLeastWait{250};
+constexpr int kSayAfter = 8;
 
 }  // namespace
 
-Scheduler::Scheduler(int analysis_workers, const WallClock& clock, std::function<void()> audio_ready)
-    : clock_(clock), audio_ready_(std::move(audio_ready)) {
-  for (int worker = 0; worker < std::max(1, analysis_workers); ++worker) threads_.emplace_back([this] { run_analysis(); });
-  threads_.emplace_back([this] { run_render(); });
+Scheduler::Scheduler(const Options& options, const WallClock& clock, std::function<void()> audio_ready)
+    : options_(options), clock_(clock), audio_ready_(std::move(audio_ready)) {
+  for (int worker = 0; worker < std::max(1, options_.analysis_workers); ++worker)
+    threads_.emplace_back([this] { run_analysis(false); });
+  threads_.emplace_back([this] { run_analysis(true); });
+  for (int worker = 0; worker < std::max(1, options_.render_workers); ++worker)
+    threads_.emplace_back([this] { run_render(); });
+  std::unique_lock lock(begun_mutex_);
+  begun_changed_.wait(lock, [this] { return begun_ == threads_.size(); });
 }
 
 Scheduler::~Scheduler() {
   {
-    std::scoped_lock lock(ready_mutex_, sessions_mutex_);
+    std::scoped_lock lock(turns_mutex_, due_mutex_);
     stopping_ = true;
   }
-  ready_changed_.notify_all();
-  render_wanted_.notify_all();
+  turn_wanted_.notify_all();
+  short_turn_wanted_.notify_all();
+  due_changed_.notify_all();
   for (auto& thread : threads_) thread.join();
 }
 
-void Scheduler::add(std::shared_ptr<Session> session) {
+void Scheduler::begun(const char* name, const std::vector<int>& cpus, bool raise) {
+  name_this_thread(name);
+  const bool pinned = pin_this_thread(cpus);
+  const Priority priority = raise ? raise_this_thread() : Priority::kRealTime;
+  std::lock_guard lock(begun_mutex_);
+  pinned_ &= pinned;
+  render_priority_ = std::min(render_priority_, priority);
+  ++begun_;
+  begun_changed_.notify_one();
+}
+
+void Scheduler::add(Held session) {
   {
-    std::lock_guard lock(sessions_mutex_);
-    sessions_.push_back(std::move(session));
+    std::lock_guard lock(due_mutex_);
+    due_.add(std::move(session));
   }
-  wake_render();
+  due_changed_.notify_one();
 }
 
-void Scheduler::remove(const Session& session) {
-  std::lock_guard lock(sessions_mutex_);
-  std::erase_if(sessions_, [&](const auto& held) { return held.get() == &session; });
+void Scheduler::remove(const Held& session) {
+  std::lock_guard lock(due_mutex_);
+  due_.remove(session);
 }
 
-void Scheduler::wake_analysis(const std::shared_ptr<Session>& session) {
-  if (!session->analysis_scheduled.exchange(true)) requeue(session);
+// ----------------------------------------------------------------------------------------------------------- analysis
+
+void Scheduler::wake_analysis(const Held& session) {
+  if (!session->analysis_scheduled.exchange(true)) queue(session);
 }
 
-void Scheduler::requeue(std::shared_ptr<Session> session) {
+void Scheduler::queue(Held session) {
+  bool short_waits = false;
   {
-    std::lock_guard lock(ready_mutex_);
-    ready_.push_back(std::move(session));
+    std::lock_guard lock(turns_mutex_);
+    turns_.want(std::move(session));
+    short_waits = turns_.short_waits();
   }
-  ready_changed_.notify_one();
+  turn_wanted_.notify_one();
+  if (short_waits) short_turn_wanted_.notify_one();
 }
 
-void Scheduler::wake_render() {
-  {
-    std::lock_guard lock(sessions_mutex_);
-    render_again_ = true;
-  }
-  render_wanted_.notify_one();
-}
-
-void Scheduler::run_analysis() {
-  std::unique_lock lock(ready_mutex_);
-  for (;;) {
-    ready_changed_.wait(lock, [this] { return stopping_ || !ready_.empty(); });
-    if (stopping_) return;
-    const std::shared_ptr<Session> session = std::move(ready_.front());
-    ready_.pop_front();
-    lock.unlock();
-    // The flag stays up while the session is queued or worked on, so one worker at a time holds it.
-    if (session->analyse()) {
-      requeue(session);
-    } else {
-      session->analysis_scheduled.store(false);
-      if (session->wants_analysis()) wake_analysis(session);  // something came while the last look was taken
+void Scheduler::run_analysis(bool short_only) {
+  begun(short_only ? "rustle-short" : "rustle-analyse", options_.analysis_cpus, false);
+  std::condition_variable& wanted = short_only ? short_turn_wanted_ : turn_wanted_;
+  std::unique_lock lock(turns_mutex_);
+  while (!stopping_) {
+    const auto session = turns_.take(short_only);
+    if (!session) {
+      wanted.wait(lock);
+      continue;
     }
-    if (!session->held_back()) wake_render();  // else it is the render side that must come first
-    audio_ready_();
+    lock.unlock();
+    analyse_a_turn(*session);
     lock.lock();
   }
+}
+
+void Scheduler::analyse_a_turn(const Held& session) {
+  // The flag stays up while the session is queued or worked on, so one worker at a time holds it.
+  const auto began = clock_.now();
+  bool more = true;
+  WallClock::Duration turn{};
+  while (more && turn < kTurn) {
+    more = session->analyse();
+    turn = clock_.now() - began;
+  }
+  {
+    std::lock_guard lock(turns_mutex_);
+    turns_.done(session, turn);
+  }
+  if (more) {
+    queue(session);
+  } else {
+    session->analysis_scheduled.store(false);
+    if (session->wants_analysis()) wake_analysis(session);  // something came while the last look was taken
+  }
+  if (session->renders_on_call() && !session->held_back()) call_render(session);
+  audio_ready_();
+}
+
+// ------------------------------------------------------------------------------------------------------------- render
+
+void Scheduler::call_render(const Held& session) {
+  {
+    std::lock_guard lock(due_mutex_);
+    due_.call(session);
+  }
+  due_changed_.notify_one();
 }
 
 void Scheduler::run_render() {
-  std::vector<std::shared_ptr<Session>> sessions;
-  std::unique_lock lock(sessions_mutex_);
+  begun("rustle-render", options_.render_cpus, true);
+  int produced = 0;  // sessions, since it was said
+  std::unique_lock lock(due_mutex_);
   while (!stopping_) {
-    sessions = sessions_;
-    render_again_ = false;
-    lock.unlock();
-    bool produced = false;
-    std::optional<WallClock::Duration> next;
-    for (const auto& session : sessions) {
+    const auto ticket = due_.take(clock_.now());
+    const auto next = due_.next_due();
+    if (ticket) {
+      Held session = due_.member(*ticket);
+      const bool unwatched = next && *next < watched_until_;
+      lock.unlock();
+      if (unwatched) due_changed_.notify_one();
       const auto outcome = session->render();
-      produced |= outcome.produced;
+      produced += outcome.produced ? 1 : 0;
       if (outcome.wants_analysis) wake_analysis(session);
-      if (outcome.next_due && (!next || *outcome.next_due < *next)) next = outcome.next_due;
-    }
-    sessions.clear();
-    if (produced) audio_ready_();
-    lock.lock();
-    if (stopping_ || render_again_) continue;
-    if (next) {
-      render_wanted_.wait_for(lock, std::max<WallClock::Duration>(kLeastWait, *next - clock_.now()));
+      session.reset();
+      if (produced >= kSayAfter) {
+        produced = 0;
+        audio_ready_();
+      }
+      lock.lock();
+      due_.give_back(*ticket, outcome.next_due);
+    } else if (produced > 0) {
+      produced = 0;
+      lock.unlock();
+      audio_ready_();
+      lock.lock();
+    } else if (next && *next < watched_until_) {
+      watched_until_ = *next;
+      due_changed_.wait_for(lock, std::max<WallClock::Duration>(kLeastWait, *next - clock_.now()));
+      if (watched_until_ == *next) watched_until_ = WallClock::Duration::max();
     } else {
-      render_wanted_.wait(lock, [this] { return stopping_ || render_again_; });
+      due_changed_.wait(lock);
     }
   }
 }

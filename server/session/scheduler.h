@@ -1,52 +1,82 @@
 #pragma once
 
 #include <condition_variable>
-#include <deque>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <thread>
 #include <vector>
 
+#include "server/session/due_queue.h"
 #include "server/session/session.h"
+#include "server/session/turn_queue.h"
+#include "server/session/worker_thread.h"
 
 namespace rustle::session {
 
-/// The threads that carry sessions from frames to samples: analysis workers, which take any session that has items (one
-/// worker a session at a time, so its order is kept), and one render worker, which renders what is due.
+/// The threads that carry sessions from frames to samples.
+///
+///   analysis workers  take turns: the session that has had least time is next, for 2 ms or one item, whatever takes longer.
+///                     One worker at a time has a session, so its order is kept. One thread more than asked for takes only
+///                     sessions whose turns are short, so that those never wait for a heavy one's frame to be finished.
+///   render workers    render what is due, the earliest deadline first, before analysis: at real-time priority where the
+///                     system grants it. They never wait for analysis; what it has not handed over is not heard yet.
 class Scheduler {
  public:
-  /// `audio_ready` is called by the render worker after a pass in which some session produced sound, and by analysis
-  /// workers when outcomes wait; it must be thread-safe and quick.
-  Scheduler(int analysis_workers, const WallClock& clock, std::function<void()> audio_ready);
+  struct Options {
+    int analysis_workers = 1;
+    int render_workers = 1;
+    std::vector<int> analysis_cpus, render_cpus;  ///< where they run; empty: anywhere
+  };
+
+  /// `audio_ready` is called by render workers after they made sound, and by analysis workers when outcomes wait; it must be
+  /// thread-safe and quick.
+  Scheduler(const Options& options, const WallClock& clock, std::function<void()> audio_ready);
   ~Scheduler();
   Scheduler(const Scheduler&) = delete;
   Scheduler& operator=(const Scheduler&) = delete;
 
   // [any thread]
   void add(std::shared_ptr<Session> session);
-  void remove(const Session& session);
+  void remove(const std::shared_ptr<Session>& session);
   /// The session has items to analyse.
   void wake_analysis(const std::shared_ptr<Session>& session);
 
- private:
-  void requeue(std::shared_ptr<Session> session);
-  void run_analysis();
-  void run_render();
-  void wake_render();
+  /// What every render worker was granted.
+  Priority render_priority() const { return render_priority_; }
+  /// Every worker is on the processors it was to be on.
+  bool pinned() const { return pinned_; }
 
+ private:
+  using Held = std::shared_ptr<Session>;
+
+  void queue(Held session);
+  void analyse_a_turn(const Held& session);
+  void run_analysis(bool short_only);
+  void run_render();
+  void call_render(const Held& session);
+  /// A worker has begun. [every worker, once]
+  void begun(const char* name, const std::vector<int>& cpus, bool raise);
+
+  const Options options_;
   const WallClock& clock_;
   const std::function<void()> audio_ready_;
 
-  std::mutex ready_mutex_;
-  std::condition_variable ready_changed_;
-  std::deque<std::shared_ptr<Session>> ready_;
-  bool stopping_ = false;
+  std::mutex turns_mutex_;
+  std::condition_variable turn_wanted_, short_turn_wanted_;
+  TurnQueue<Held> turns_;
+  bool stopping_ = false;  // both mutexes
 
-  std::mutex sessions_mutex_;
-  std::condition_variable render_wanted_;
-  std::vector<std::shared_ptr<Session>> sessions_;
-  bool render_again_ = false;
+  std::mutex due_mutex_;
+  std::condition_variable due_changed_;
+  DueQueue<Held> due_;
+  WallClock::Duration watched_until_ = WallClock::Duration::max();  ///< a render worker waits until then
+
+  std::mutex begun_mutex_;
+  std::condition_variable begun_changed_;
+  std::size_t begun_ = 0;
+  Priority render_priority_ = Priority::kRealTime;
+  bool pinned_ = true;
 
   std::vector<std::thread> threads_;
 };

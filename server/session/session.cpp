@@ -12,8 +12,23 @@ namespace {
 using synthesis::kQuantum;
 
 constexpr double kAudioRing_s = 2.0;
-constexpr std::chrono::milliseconds kQuietAfter{200};
-constexpr double kStep_s = 0.5;  // a frame that far from its place on the sample axis starts a new mapping
+constexpr double kQuietAfter_s = 0.15;  // without news of what is due
+constexpr double kReorderWait_s = 0.01;
+
+double seconds(WallClock::Duration duration) {
+  return std::chrono::duration<double>(duration).count();
+}
+
+WallClock::Duration duration(double time_s) {
+  return std::chrono::duration_cast<WallClock::Duration>(std::chrono::duration<double>(time_s));
+}
+
+/// Of what must have a place on the sample axis even before a frame has come.
+std::optional<double> time_of_scene(const engine::StreamItem& item) {
+  if (const auto* update = std::get_if<scene::SceneUpdate>(&item)) return update->time_s;
+  if (const auto* listener = std::get_if<scene::Listener>(&item)) return listener->time_s;
+  return std::nullopt;
+}
 
 }  // namespace
 
@@ -23,54 +38,50 @@ Session::Session(std::string id, SessionOptions options, std::shared_ptr<pack::P
       options_(settled(std::move(options))),
       clock_(clock),
       started_(clock.now()),
+      inbox_(options_.clock == Clock::kLive),
+      mappings_{{options_.time_origin_s, 0, static_cast<double>(options_.rate_hz), 0}},
       ingest_(engine_options(options_, hrtf), std::move(packs)),
-      origin_s_(options_.time_origin_s),
+      playout_({static_cast<double>(options_.rate_hz), options_.playout_delay_s}),
+      delay_s_(options_.playout_delay_s.value_or(PlayoutClock::kStartDelay_s)),
+      gaps_(static_cast<std::int64_t>(kQuietAfter_s * options_.rate_hz)),
       render_(engine_options(options_, hrtf)),
       quantum_(render_.make_quantum()),
       audio_(static_cast<std::size_t>(kAudioRing_s * options_.rate_hz) *
              static_cast<std::size_t>(channel_count(options_.channels))) {
   decisions_.keep(options_.record);
+  counters_.playout_delay_s = delay_s_;
 }
 
 Offer Session::offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes, std::uint64_t arrival) {
   const bool is_frame = std::holds_alternative<sheet::MeshFrame>(item);
-  const bool is_end = std::holds_alternative<engine::End>(item);
   std::lock_guard lock(inbox_mutex_);
   ++counters_.items_received;
   if (is_frame) ++counters_.frames_received;
-  Waiting waiting{std::move(item), sequence, bytes, arrival};
-  if (ended_) {
-    drop(waiting, "ended");
-    return Offer::kEnded;
-  }
-  if (is_frame && live()) skip_backlog(bytes);
-  // A message larger than the inbox goes alone.
-  const bool too_many_bytes = !inbox_.empty() && inbox_bytes_ + bytes > kInboxBytes;
-  if (!is_end && (inbox_.size() >= kInboxMessages || too_many_bytes)) {
-    drop(waiting, "inbox");
-    return Offer::kFull;
-  }
-  ended_ = is_end;
-  if (is_frame) last_frame_ns_.store(clock_.now().count(), std::memory_order_relaxed);
-  inbox_bytes_ += bytes;
-  inbox_.push_back(std::move(waiting));
-  return Offer::kTaken;
+  const Offer offered = inbox_.offer({std::move(item), sequence, bytes, arrival, clock_.now(), false});
+  count_lost();
+  watch_inbox();
+  return offered;
 }
 
-void Session::skip_backlog(std::size_t bytes) {
-  const auto is_frame = [](const Waiting& w) { return std::holds_alternative<sheet::MeshFrame>(w.item); };
-  auto frames = static_cast<std::size_t>(std::count_if(inbox_.begin(), inbox_.end(), is_frame));
-  for (; frames > 0 && (frames >= kBacklogBudget || inbox_bytes_ + bytes > kInboxBytes); --frames) {
-    const auto oldest = std::find_if(inbox_.begin(), inbox_.end(), is_frame);
-    inbox_bytes_ -= oldest->bytes;
-    drop(*oldest, "backlog");
-    inbox_.erase(oldest);
+void Session::pass_over(std::uint64_t sequence) {
+  std::lock_guard lock(inbox_mutex_);
+  inbox_.pass_over(sequence);
+}
+
+void Session::count_lost() {
+  for (const auto& lost : inbox_.take_lost()) {
+    if (lost.is_frame) ++counters_.frames_dropped[lost.cause];
+    decisions_.dropped(lost.arrival, lost.sequence, lost.cause);
   }
 }
 
-void Session::drop(const Waiting& waiting, const std::string& cause) {
-  if (std::holds_alternative<sheet::MeshFrame>(waiting.item)) ++counters_.frames_dropped[cause];
-  decisions_.dropped(waiting.arrival, waiting.sequence, cause);
+WallClock::Duration Session::reorder_wait() const {
+  return duration(std::min(kReorderWait_s, delay_s_.load(std::memory_order_relaxed) / 4));
+}
+
+void Session::watch_inbox() {
+  const auto ready = inbox_.ready_at(reorder_wait());
+  inbox_ready_ns_.store(ready && ready->count() > 0 ? ready->count() : kNever, std::memory_order_release);
 }
 
 void Session::count_drop(const std::string& cause, std::uint64_t frames) {
@@ -82,9 +93,8 @@ void Session::count_drop(const std::string& cause, std::uint64_t frames) {
 
 void Session::discard() {
   std::lock_guard lock(inbox_mutex_);
-  for (const auto& waiting : inbox_) drop(waiting, "discarded");
-  inbox_.clear();
-  inbox_bytes_ = 0;
+  inbox_.discard();
+  count_lost();
 }
 
 bool Session::waiting() const {
@@ -119,7 +129,10 @@ bool Session::take_audio(std::size_t samples, AudioBlock& block) {
 }
 
 double Session::time_of(std::int64_t sample) const {
-  return origin_s_.load() + static_cast<double>(sample) / options_.rate_hz;
+  std::lock_guard lock(outcomes_mutex_);
+  auto mapping = mappings_.rbegin();
+  while (mapping->first_sample > sample && std::next(mapping) != mappings_.rend()) ++mapping;
+  return mapping->time_s(static_cast<double>(sample));
 }
 
 Counters Session::counters() const {
@@ -130,6 +143,8 @@ Counters Session::counters() const {
   std::lock_guard lock(inbox_mutex_);
   Counters out = counters_;
   out.render = rendered.counters;
+  out.input_gaps = rendered.input_gaps;
+  out.sequence_gaps = inbox_.sequence_gaps();
   out.samples_due = static_cast<std::uint64_t>(due);
   return out;
 }
@@ -141,18 +156,7 @@ bool Session::analyse() {
   if (held_) hand_over(std::move(held_));
   if (held_) return false;
 
-  Waiting next{engine::End{}, 0, 0, 0};
-  bool waiting = false;
-  {
-    std::lock_guard lock(inbox_mutex_);
-    if (!inbox_.empty()) {
-      next = std::move(inbox_.front());
-      inbox_.pop_front();
-      inbox_bytes_ -= next.bytes;
-      busy_ = true;
-      waiting = true;
-    }
-  }
+  std::optional<Inbox::Waiting> next = next_item();
   auto batch = std::make_unique<engine::CueBatch>();
   const std::int64_t rendered = rendered_.load(std::memory_order_acquire);
   Step step;
@@ -161,7 +165,7 @@ bool Session::analyse() {
     step.earliest = rendered + kQuantum;
     ingest_.set_rendered(*step.earliest);
   }
-  if (!waiting) {
+  if (!next) {
     if (live() && quiet_.exchange(false)) {
       ingest_.fall_quiet(*batch);
       step.what = FellQuiet{};
@@ -171,41 +175,44 @@ bool Session::analyse() {
     return false;
   }
 
-  const auto* frame = std::get_if<sheet::MeshFrame>(&next.item);
+  const auto* frame = std::get_if<sheet::MeshFrame>(&next->item);
   if (frame != nullptr) quiet_.store(false);
-  if (live() && frame != nullptr) {
-    const std::int64_t due = rendered + static_cast<std::int64_t>(*options_.playout_delay_s * options_.rate_hz);
-    const auto off = static_cast<double>(ingest_.sample_of(frame->time_s) - due);
-    // Later than its delay absorbs, or far ahead: the sender paused, stepped or runs slower, and is followed from here.
-    const double delay = std::max<double>(*options_.playout_delay_s * options_.rate_hz, kQuantum);
-    if (!placed_ || off > kStep_s * options_.rate_hz || off < -delay) {
-      ingest_.place(frame->time_s, due);
-      mapping = engine::TimeMapping{frame->time_s, due, static_cast<double>(options_.rate_hz), *options_.playout_delay_s};
-      origin_s_.store(frame->time_s - static_cast<double>(due) / options_.rate_hz);
+  if (live()) {
+    if (next->steps_back) {
+      ingest_.start_again(*batch);
+      step.start_again = true;
     }
-    placed_ = true;
+    mapping = map_time(*next, rendered);
   }
-  auto observed = accept(next.item, *batch);
+  const bool late = live() && frame != nullptr && ingest_.sample_of(frame->time_s) < *step.earliest;
+  auto observed = accept(next->item, *batch);
   if (!observed && observed.error().cause == engine::Refusal::Cause::kFailed) {
-    step.what = Failed{next.arrival, next.sequence};
-  } else if (next.arrival == 0 && std::holds_alternative<engine::End>(next.item)) {
+    step.what = Failed{next->arrival, next->sequence};
+  } else if (next->arrival == 0 && std::holds_alternative<engine::End>(next->item)) {
     step.what = Ended{};
   } else {
-    step.what = Given{next.arrival, next.sequence};
+    step.what = Given{next->arrival, next->sequence};
   }
   decisions_.taken(std::move(step), mapping);
   hand_over(std::move(batch));
+  if (live()) cover(next->item, observed.has_value());
 
   std::optional<observation::Observation> seen;
   {
     std::lock_guard lock(inbox_mutex_);
     busy_ = false;
     counters_.plan = ingest_.counters();
+    if (live()) {
+      counters_.time_jumps = time_jumps_;
+      counters_.playout_delay_s = playout_.delay_s();
+      counters_.clock_drift_ppm = playout_.drift_ppm();
+    }
     if (!observed) {
       ++counters_.items_refused;
       if (frame != nullptr) ++counters_.frames_dropped["refused"];
     } else if (frame != nullptr) {
       ++counters_.frames_analysed;
+      if (late) ++counters_.frames_late;
       counters_.newest_time_s = frame->time_s;
       seen = std::move(*observed);
       if (seen) {
@@ -220,10 +227,10 @@ bool Session::analyse() {
     }
   }
   std::lock_guard lock(outcomes_mutex_);
-  if (!observed) outcomes_.emplace_back(Refused{std::move(observed.error()), next.sequence});
+  if (!observed) outcomes_.emplace_back(Refused{std::move(observed.error()), next->sequence});
   if (seen && !(seen->crumpling.empty() && seen->friction.empty() && seen->tears.empty() && !seen->unidentified))
     outcomes_.emplace_back(std::move(*seen));
-  if (next.sequence != 0) outcomes_.emplace_back(Analysed{next.sequence});
+  if (next->sequence != 0) outcomes_.emplace_back(Analysed{next->sequence});
   return true;
 }
 
@@ -236,6 +243,52 @@ tl::expected<std::optional<observation::Observation>, engine::Refusal> Session::
     return tl::unexpected(
         engine::Refusal{engine::Refusal::Cause::kFailed, "stream", failure.what(), "Send a smaller mesh."});
   }
+}
+
+std::optional<Inbox::Waiting> Session::next_item() {
+  std::lock_guard lock(inbox_mutex_);
+  auto next = inbox_.take(clock_.now(), reorder_wait());
+  count_lost();
+  watch_inbox();
+  busy_ = next.has_value();
+  return next;
+}
+
+std::optional<engine::TimeMapping> Session::map_time(const Inbox::Waiting& next, synthesis::SampleTime rendered) {
+  if (next.steps_back) playout_.start_again();
+  engine::TimeMapping mapping;
+  if (const auto* frame = std::get_if<sheet::MeshFrame>(&next.item)) {
+    const bool anew = playout_.placed() || next.steps_back;
+    const auto change = playout_.frame(frame->time_s, seconds(next.arrived - started_));
+    if (change == PlayoutClock::Change::kNone) return std::nullopt;
+    if (change == PlayoutClock::Change::kPlaced && anew) ++time_jumps_;
+    mapping = playout_.mapping();
+    delay_s_.store(playout_.delay_s(), std::memory_order_relaxed);
+  } else {
+    const auto time_s = time_of_scene(next.item);
+    if (playout_.placed() || !time_s) return std::nullopt;
+    mapping = {*time_s, rendered + static_cast<std::int64_t>(delay_s_ * options_.rate_hz),
+               static_cast<double>(options_.rate_hz), delay_s_};
+  }
+  ingest_.map_time(mapping);
+  std::lock_guard lock(outcomes_mutex_);
+  mappings_.push_back(mapping);
+  while (mappings_.size() > 1 && mappings_[1].first_sample < rendered - options_.rate_hz) mappings_.pop_front();
+  return mapping;
+}
+
+void Session::cover(const engine::StreamItem& item, bool taken) {
+  if (std::holds_alternative<engine::End>(item)) gaps_.cover_all();
+  if (!playout_.placed() || !taken) return;
+  std::optional<double> newest_s;
+  if (std::holds_alternative<sheet::MeshFrame>(item)) {
+    playout_.ready(seconds(clock_.now() - started_));
+    newest_s = playout_.newest_s();
+  }
+  if (const auto* advance = std::get_if<engine::Advance>(&item)) newest_s = std::max(playout_.newest_s(), advance->time_s);
+  if (!newest_s) return;
+  const std::int64_t newest = ingest_.sample_of(*newest_s);
+  gaps_.cover(newest, newest + static_cast<std::int64_t>(playout_.carry_s() * options_.rate_hz));
 }
 
 void Session::collect_retired() {
@@ -255,14 +308,14 @@ void Session::hand_over(std::unique_ptr<engine::CueBatch> batch) {
 bool Session::wants_analysis() const {
   if (quiet_.load() || decisions_.rendered_wanted() || (decisions_.kept() && !retired_.empty())) return true;
   std::lock_guard lock(inbox_mutex_);
-  return !inbox_.empty() && !held_back();
+  const auto ready = inbox_.ready_at(reorder_wait());
+  return ready && *ready <= clock_.now() && !held_back();
 }
 
 // ------------------------------------------------------------------------------------------------------ render worker
 
 std::int64_t Session::live_target() const {
-  const std::chrono::duration<double> running = clock_.now() - started_;
-  return static_cast<std::int64_t>(running.count() * options_.rate_hz);
+  return static_cast<std::int64_t>(seconds(clock_.now() - started_) * options_.rate_hz);
 }
 
 Session::RenderOutcome Session::render() {
@@ -272,15 +325,18 @@ Session::RenderOutcome Session::render() {
     while (take_batch()) {
     }
     render_quanta_until(live_target(), outcome);
-    auto last_frame = last_frame_ns_.load();
-    if (last_frame != 0 && clock_.now() - WallClock::Duration(last_frame) > kQuietAfter &&
-        last_frame_ns_.compare_exchange_strong(last_frame, 0)) {
+    if (gaps_.rendered(render_.position())) {
       quiet_.store(true);
       outcome.wants_analysis = true;
     }
     const std::int64_t step = (std::max<std::int64_t>(options_.block_size, kQuantum) + kQuantum - 1) / kQuantum * kQuantum;
-    outcome.next_due = started_ + std::chrono::duration_cast<WallClock::Duration>(std::chrono::duration<double>(
-                                      static_cast<double>(render_.position() + step) / options_.rate_hz));
+    outcome.next_due = started_ + duration(static_cast<double>(render_.position() + step) / options_.rate_hz);
+    std::int64_t inbox_ready = inbox_ready_ns_.load(std::memory_order_acquire);
+    if (inbox_ready <= clock_.now().count()) {
+      outcome.wants_analysis |= inbox_ready_ns_.compare_exchange_strong(inbox_ready, kNever);
+    } else if (inbox_ready != kNever) {
+      outcome.next_due = std::min(*outcome.next_due, WallClock::Duration(inbox_ready));
+    }
   } else {
     do {
       render_quanta_until(render_.horizon(), outcome);
@@ -295,7 +351,8 @@ Session::RenderOutcome Session::render() {
     if (!render_.complete() && !live()) outcome.next_due = clock_.now() + std::chrono::milliseconds(2);
   }
   rendered_.store(render_.position(), std::memory_order_release);
-  render_figures_.publish({render_.counters(), std::max(render_.position(), live() ? 0 : render_.horizon())});
+  render_figures_.publish(
+      {render_.counters(), std::max(render_.position(), live() ? 0 : render_.horizon()), gaps_.figures()});
   if (render_.complete()) complete_.store(true, std::memory_order_release);
   return outcome;
 }

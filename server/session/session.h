@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -15,8 +16,12 @@
 #include "server/engine/render.h"
 #include "server/session/clock.h"
 #include "server/session/decision_log.h"
+#include "server/session/inbox.h"
+#include "server/session/input_gaps.h"
+#include "server/session/playout_clock.h"
 #include "server/session/session_options.h"
 #include "server/session/spsc_ring.h"
+#include "server/session/turn_queue.h"
 #include "sound_db/pack/library.h"
 
 namespace rustle::session {
@@ -34,14 +39,14 @@ struct Counters {
   double newest_time_s = 0;
   synthesis::PlanCounters plan;
   engine::RenderCounters render;
-  std::uint64_t samples_due = 0;  ///< that the session's clock has called for, tails of an ended stream included
-};
-
-/// What became of an item offered to a session.
-enum class Offer : std::uint8_t {
-  kTaken,
-  kFull,   ///< the inbox holds Session::kInboxMessages or Session::kInboxBytes: the sender ignores its credit
-  kEnded,  ///< the stream has ended before
+  std::uint64_t samples_due = 0;    ///< that the session's clock has called for, tails of an ended stream included
+  std::uint64_t sequence_gaps = 0;  ///< messages that did not come
+  // of a live session
+  std::uint64_t frames_late = 0;  ///< analysed after they were due: what they show sounds at once
+  std::uint64_t time_jumps = 0;   ///< simulation time was placed anew on the sample axis
+  InputGaps::Figures input_gaps;
+  double playout_delay_s = 0;
+  double clock_drift_ppm = 0;  ///< how much faster simulation time runs than the audio clock
 };
 
 /// What analysis tells the network thread.
@@ -78,16 +83,14 @@ class Session {
 
   // ---- [network thread]
 
-  static constexpr std::size_t kInboxMessages = 4096;
-  static constexpr std::size_t kInboxBytes = std::size_t{128} << 20;  ///< as received; twice what a flow credit allows
-
-  /// Takes an item that came in `bytes`. In a live session frames beyond the backlog budget, or beyond the inbox's bytes,
-  /// push out the oldest waiting ones.
-  /// `arrival`: the number of its message in the order of arrival, by which decisions name it; 0: it came in none.
+  /// Takes an item that came in `bytes`; inbox.h says what a live session does with frames that are too many, repeated or
+  /// late. `arrival`: the number of its message in the order of arrival, by which decisions name it; 0: it came in none.
   [[nodiscard]] Offer offer(engine::StreamItem item, std::uint64_t sequence, std::size_t bytes = 0,
                             std::uint64_t arrival = 0);
   /// What the sound depends on besides what is offered. Kept from the beginning where options().record says so.
   DecisionLog& decisions() { return decisions_; }
+  /// A message came that is no item, such as a topology: its number is not missing.
+  void pass_over(std::uint64_t sequence);
   /// Counts frames that were refused before they became items.
   void count_drop(const std::string& cause, std::uint64_t frames = 1);
   /// Drops what waits, counted.
@@ -103,7 +106,7 @@ class Session {
   /// The whole stream was taken.
   bool finished() const { return finished_; }
   Counters counters() const;
-  /// Simulation time of a sample; in a live session by the mapping in force.
+  /// Simulation time of a sample; in a live session by the mapping in force there.
   double time_of(std::int64_t sample) const;
   std::int64_t samples_rendered() const { return rendered_.load(std::memory_order_acquire); }
 
@@ -125,26 +128,32 @@ class Session {
   };
   RenderOutcome render();
 
-  /// Used by the scheduler so that one worker at a time holds the session's analysis.
+  // ---- [scheduler]
+
+  /// Rendering goes on when analysis has handed something over, not by the clock.
+  bool renders_on_call() const { return !live(); }
+  /// So that one worker at a time holds the session's analysis.
   std::atomic<bool> analysis_scheduled{false};
+  TurnAccount turns;
 
  private:
-  static constexpr std::size_t kBacklogBudget = 3;
-
-  struct Waiting {
-    engine::StreamItem item;
-    std::uint64_t sequence;
-    std::size_t bytes;
-    std::uint64_t arrival;
-  };
   /// What the render side tells the network thread.
   struct RenderFigures {
     engine::RenderCounters counters;
     std::int64_t settled_samples = 0;  ///< rendered, or ready to be
+    InputGaps::Figures input_gaps;
   };
 
-  void skip_backlog(std::size_t bytes);                         // inbox_mutex_ is held
-  void drop(const Waiting& waiting, const std::string& cause);  // inbox_mutex_ is held
+  void count_lost();                          // inbox_mutex_ is held
+  void watch_inbox();                         // inbox_mutex_ is held
+  std::optional<Inbox::Waiting> next_item();  // analysis worker
+  WallClock::Duration reorder_wait() const;
+  /// What is due is known as far as this item says. [analysis worker]
+  void cover(const engine::StreamItem& item, bool taken);
+  /// Where a live item is heard; a mapping that is put in force with it.
+  std::optional<engine::TimeMapping> map_time(const Inbox::Waiting& next, synthesis::SampleTime rendered);
+  static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+
   bool live() const { return options_.clock == Clock::kLive; }
   std::int64_t live_target() const;
   tl::expected<std::optional<observation::Observation>, engine::Refusal> accept(const engine::StreamItem& item,
@@ -160,21 +169,22 @@ class Session {
   const WallClock::Duration started_;
 
   mutable std::mutex inbox_mutex_;
-  std::deque<Waiting> inbox_;
-  std::size_t inbox_bytes_ = 0;
+  Inbox inbox_;
   bool busy_ = false;  ///< an item has left the inbox and is being analysed
   Counters counters_;
-  bool ended_ = false;
 
-  std::mutex outcomes_mutex_;
+  mutable std::mutex outcomes_mutex_;
   std::vector<Outcome> outcomes_;
+  std::deque<engine::TimeMapping> mappings_;  ///< for samples not yet taken and the newest second
 
-  engine::Ingest ingest_;         // analysis worker
-  std::atomic<double> origin_s_;  // simulation time of sample 0
+  engine::Ingest ingest_;  // analysis worker
   std::uint64_t newest_episode_ = 0;
-  bool placed_ = false;  // live: the first frame has fixed where simulation time lies on the sample axis
-  std::atomic<std::int64_t> last_frame_ns_{0};
+  PlayoutClock playout_;  // analysis worker
+  std::atomic<double> delay_s_;
+  std::uint64_t time_jumps_ = 0;                      // analysis worker
+  std::atomic<std::int64_t> inbox_ready_ns_{kNever};  // when what waits for a missing message waits no more
   std::atomic<bool> quiet_{false};
+  InputGaps gaps_;
 
   SpscRing<std::unique_ptr<engine::CueBatch>> batches_{1024};
   SpscRing<std::unique_ptr<engine::CueBatch>> retired_{2048};

@@ -27,9 +27,10 @@ struct SessionOptions {
   UpAxis up_axis = UpAxis::kZ;  ///< of the sender; what `wire` decodes has z up already
   std::uint64_t seed = 0;
   SynthesisMode mode = SynthesisMode::kCorrected;
-  std::optional<double> playout_delay_s;  ///< 0 to 10; absent: adaptive (live), 50 ms behind the newest frame (simulation)
-  std::uint32_t rate_hz = 0;              ///< 8,000 to 192,000; 0: the daemon's
-  std::uint32_t block_size = 0;           ///< samples, 16 to 8,192; 0: the daemon's
+  /// 0 to 10; absent: adaptive on the live clock, where it stays absent, 50 ms behind the newest frame in a simulation.
+  std::optional<double> playout_delay_s;
+  std::uint32_t rate_hz = 0;     ///< 8,000 to 192,000; 0: the daemon's
+  std::uint32_t block_size = 0;  ///< samples, 16 to 8,192; 0: the daemon's
   ChannelLayout channels = ChannelLayout::kStereo;
   ClothFeatures cloth_features = ClothFeatures::kCausal;
   std::string default_material = "printer-paper";  ///< for sheets that name none

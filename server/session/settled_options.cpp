@@ -7,7 +7,6 @@ namespace {
 
 constexpr std::uint32_t kDefaultRate = 48000;
 constexpr std::uint32_t kDefaultBlock = 128;
-constexpr double kLivePlayoutDelay_s = 0.040;
 constexpr double kSimulationLookAhead_s = 0.050;
 
 }  // namespace
@@ -16,9 +15,7 @@ SessionOptions settled(SessionOptions options) {
   if (options.rate_hz == 0) options.rate_hz = kDefaultRate;
   if (options.block_size == 0) options.block_size = kDefaultBlock;
   if (options.default_material.empty()) options.default_material = "printer-paper";
-  if (!options.playout_delay_s) {
-    options.playout_delay_s = options.clock == Clock::kLive ? kLivePlayoutDelay_s : kSimulationLookAhead_s;
-  }
+  if (!options.playout_delay_s && options.clock == Clock::kSimulation) options.playout_delay_s = kSimulationLookAhead_s;
   return options;
 }
 
@@ -48,7 +45,7 @@ engine::Options engine_options(const SessionOptions& options, std::shared_ptr<co
   out.friction_fft_size = static_cast<int>(options.friction_fft_size);
   out.rate_hz = static_cast<int>(options.rate_hz);
   out.time_origin_s = options.time_origin_s;
-  out.look_ahead_s = *options.playout_delay_s;
+  out.look_ahead_s = options.playout_delay_s.value_or(0);  // a live session's mapping has it
   out.default_material = options.default_material;
   return out;
 }

@@ -7,7 +7,8 @@
 
 namespace rustle::session {
 
-/// The options in force: every default filled in, nothing left at 0 or absent.
+/// The options in force: every default filled in, nothing left at 0 or absent but the playout delay of a
+/// live session, which then adapts.
 SessionOptions settled(SessionOptions options);
 
 /// The options under which a session that was recorded with `recorded` is heard again on the simulation clock, offline or

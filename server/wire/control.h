@@ -120,6 +120,10 @@ struct Statistics {
   std::uint64_t samples_limited = 0;
   std::uint64_t samples_not_finite = 0;
   std::uint64_t voices_merged = 0;
+  std::uint64_t frames_late = 0;
+  std::uint64_t time_jumps = 0;
+  std::uint64_t input_gaps = 0;
+  std::uint64_t samples_in_input_gaps = 0;
 };
 struct Detached {
   Statistics statistics;

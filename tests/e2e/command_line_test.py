@@ -94,9 +94,9 @@ class Configuration(RustleTest):
                 self.fail(f"rustled never said {text!r}")
 
             line_with("control ipc")
-            path.write_text('[sessions]\nmost = 2\nworkers = 2\n')
+            path.write_text('[sessions]\nmost = 2\nanalysis_workers = 3\n')
             ends["process"].send_signal(signal.SIGHUP)
-            line_with("sessions.workers takes effect when rustled starts again")
+            line_with("sessions.analysis_workers takes effect when rustled starts again")
             line_with("sessions.most is taken over")
             path.write_text('[sessions]\nmost = 0\n')
             ends["process"].send_signal(signal.SIGHUP)

@@ -187,7 +187,8 @@ class Replay(RustleTest):
         samples = len(read_wav(wav)[1])
         self.assertEqual((replayed["samples_due"], replayed["samples_sent"], replayed["samples_in_gaps"]), (samples, samples, 0))
         self.assertEqual(offline["samples"], samples)
-        for name in ("messages_received", "rendered_time_s", "playout_delay_s", "clock_drift_ppm", "load_level", "voices"):
+        for name in ("messages_received", "rendered_time_s", "playout_delay_s", "clock_drift_ppm", "load_level", "voices",
+                     "frames_late", "time_jumps", "input_gaps", "samples_in_input_gaps"):
             self.assertIn(name, replayed)
 
     def test_a_part_of_a_capture(self):

@@ -263,6 +263,10 @@ class Statistics:
     samples_limited: int = 0
     samples_not_finite: int = 0
     voices_merged: int = 0
+    frames_late: int = 0
+    time_jumps: int = 0
+    input_gaps: int = 0
+    samples_in_input_gaps: int = 0
     crumpling_events: int = 0
     friction_episodes: int = 0
     tear_events: int = 0

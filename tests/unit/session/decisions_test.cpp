@@ -93,6 +93,7 @@ class Recorded {
         if (step == nullptr) continue;
         directed.earliest = step->earliest;
         directed.accepted_at = step->accepted_at;
+        directed.start_again = step->start_again;
         directed.what = session::FellQuiet{};
         if (const auto* given = std::get_if<session::Given>(&step->what)) directed.what = items_.at(given->arrival);
         if (std::holds_alternative<session::Ended>(step->what)) directed.what = engine::StreamItem(engine::End{});
@@ -188,6 +189,35 @@ TEST_CASE("A live session's items and decisions give its sound again, sample for
   CHECK(recorded.steps<session::Given>() == counters.frames_analysed + 2);
   CHECK(recorded.again(1) == recorded.sound());
   CHECK(recorded.again(2) == recorded.sound());
+}
+
+TEST_CASE("Simulation time that begins anew under way is decided, and sounds the same again") {
+  Recorded recorded(session::Clock::kLive);
+  const auto sheet = sheets::make_demo("slide", 446);
+  const test_support::AnimatedFrames frames(*sheet);
+  recorded.offer(described());
+  recorded.offer(table());
+  for (int millisecond = 0; millisecond < 3000; ++millisecond) {
+    recorded.clock().advance(0.001);
+    if (millisecond % 20 == 0) {
+      sheet::MeshFrame frame = frames.at(0.3 + millisecond % 1000 / 1000.0);
+      frame.time_s = millisecond % 1500 / 1000.0 + (millisecond < 1500 ? 7 : 0);
+      recorded.offer(frame);
+    }
+    while (recorded.session().wants_analysis()) recorded.session().analyse();
+    if (millisecond % 3 == 0) recorded.session().render();
+    recorded.collect();
+  }
+  recorded.session().end();
+  finish(recorded);
+  CHECK(recorded.session().counters().time_jumps == 1);
+  CHECK(std::count_if(recorded.decisions().begin(), recorded.decisions().end(), [](const auto& decision) {
+          const auto* step = std::get_if<session::Step>(&decision);
+          return step != nullptr && step->start_again;
+        }) == 1);
+  const std::size_t half = recorded.sound().size() / 2;
+  REQUIRE(*std::max_element(recorded.sound().begin() + static_cast<std::ptrdiff_t>(half), recorded.sound().end()) > 1e-4f);
+  CHECK(recorded.again(1) == recorded.sound());
 }
 
 TEST_CASE("Every message is either given to the engine or dropped, and told once") {

@@ -86,7 +86,7 @@ TEST_CASE("A live session is paced by its clock alone") {
   HandClock clock;
   session::SessionOptions options;
   session::Session live("live", options, packs(), clock);
-  CHECK(live.options().playout_delay_s == 0.040);
+  CHECK(live.counters().playout_delay_s == 0.040);
   live.render();
   CHECK(drain(live).empty());
   clock.advance(0.5);
@@ -178,7 +178,7 @@ TEST_CASE("A simulation session in threads gives the samples of the offline rend
   REQUIRE(*std::max_element(offline.begin(), offline.end()) > 1e-4f);
 
   session::SteadyClock clock;
-  session::Scheduler scheduler(2, clock, [] {});
+  session::Scheduler scheduler({2, 1, {}, {}}, clock, [] {});
   auto live = std::make_shared<session::Session>("s", options, packs(), clock);
   scheduler.add(live);
   std::uint64_t sequence = 0;
@@ -206,7 +206,7 @@ TEST_CASE("An inbox holds so many bytes and no more, whatever the clock") {
   HandClock clock;
   const auto sheet = sheets::make_demo("shake", 183);
   const test_support::AnimatedFrames frames(*sheet);
-  constexpr std::size_t kThird = session::Session::kInboxBytes / 3;
+  constexpr std::size_t kThird = session::Inbox::kBytes / 3;
   SECTION("a simulation's frames beyond it are refused and counted") {
     session::SessionOptions options;
     options.clock = session::Clock::kSimulation;
