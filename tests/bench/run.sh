@@ -2,13 +2,14 @@
 # Builds a group of benchmarks in Release and runs it.
 # usage: tests/bench/run.sh GROUP [--json] [--check] [--frames N]
 # GROUP: analysis (geometry of one frame, stage by stage, beside the plain dihedral pass),
+#        server (a frame's way from the simulator to the listener, through the daemon, in real time),
 #        synthesis (voices beside SuperCollider's, friction, silence; installs supercollider-server where it is missing)
 # RUSTLE_BUILD: where to build, build/release by default
 # example: tests/bench/run.sh analysis --json
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 if [ $# -eq 0 ] || [ "$1" = --help ] || [ "$1" = -h ]; then
-  sed -n '2,7s/^# //p' tests/bench/run.sh
+  sed -n '2,8s/^# //p' tests/bench/run.sh
   [ $# -gt 0 ]
   exit
 fi
