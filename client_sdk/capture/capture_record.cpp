@@ -22,7 +22,11 @@ std::string serialize(const google::protobuf::Message& message) {
 }  // namespace
 
 std::string topic_of(const v1::StreamMessage& message) {
-  const auto topic = [&](std::string_view name) { return fmt::format("/{}/{}", message.session_id(), name); };
+  return topic_of(message, message.session_id());
+}
+
+std::string topic_of(const v1::StreamMessage& message, std::string_view session_id) {
+  const auto topic = [&](std::string_view name) { return fmt::format("/{}/{}", session_id, name); };
   switch (message.body_case()) {
     case v1::StreamMessage::kAnnouncement:
       return topic("announcement");
@@ -49,7 +53,11 @@ std::string topic_of(const v1::StreamMessage& message) {
 }
 
 std::string topic_of(const v1::Decision& decision) {
-  return fmt::format("/{}/decision", decision.session_id());
+  return decision_topic(decision.session_id());
+}
+
+std::string decision_topic(std::string_view session_id) {
+  return fmt::format("/{}/decision", session_id);
 }
 
 CaptureRecord record_of(const v1::StreamMessage& message, std::uint64_t log_time_ns, std::uint64_t publish_time_ns) {

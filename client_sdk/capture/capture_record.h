@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 #include "rustle/v1/session.pb.h"
 
@@ -25,8 +26,11 @@ struct CaptureRecord {
 /// "/SESSION/sheet", "/SESSION/topology", "/SESSION/frame/SHEETID", "/SESSION/scene", "/SESSION/listener",
 /// "/SESSION/advance", "/SESSION/end", "/SESSION/announcement", "/SESSION/tear_tips"; "/SESSION/other" without a body.
 std::string topic_of(const v1::StreamMessage& message);
+/// The same of a message that may leave its session to its topic.
+std::string topic_of(const v1::StreamMessage& message, std::string_view session_id);
 /// "/SESSION/decision"
 std::string topic_of(const v1::Decision& decision);
+std::string decision_topic(std::string_view session_id);
 
 /// The message serialized deterministically under its own topic and sequence number.
 CaptureRecord record_of(const v1::StreamMessage& message, std::uint64_t log_time_ns, std::uint64_t publish_time_ns);

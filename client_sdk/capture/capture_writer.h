@@ -43,6 +43,7 @@ class CaptureWriter {
   Result write(const CaptureRecord& record);
   /// Closes a chunk that has been open for 250 ms of the caller's clock although nothing more arrived.
   Result close_chunk_before(std::uint64_t now_ns) { return mcap_.close_chunk_before(now_ns); }
+  bool open_chunk_is_empty() const { return mcap_.open_chunk_is_empty(); }
   /// Returns after everything written has reached the disk: the highest sequence number of the stream messages stored.
   tl::expected<std::uint64_t, StorageError> sync();
   /// Finishes the file. After an error the totals count what the file really holds: totals().

@@ -16,7 +16,7 @@ namespace rustle::capture {
 namespace {
 
 constexpr std::string_view kMagic("\x93NUMPY", 6);
-constexpr std::uint64_t kMaxHeaderBytes = 1u << 16;
+constexpr std::uint64_t kMaxNpyHeaderBytes = 1u << 16;
 constexpr std::size_t kMaxDimensions = 8;
 
 std::size_t size_of(ElementType type) {
@@ -186,7 +186,7 @@ tl::expected<NpyArray, std::string> parse_npy(std::string bytes) {
   if (major < 1 || major > 3)
     return tl::unexpected(fmt::format("is a .npy array of version {}; 1, 2 and 3 are read", major));
   const std::uint64_t header_size = major == 1 ? fields.value<std::uint16_t>() : fields.value<std::uint32_t>();
-  if (header_size > kMaxHeaderBytes) return tl::unexpected(std::string("has a damaged .npy header"));
+  if (header_size > kMaxNpyHeaderBytes) return tl::unexpected(std::string("has a damaged .npy header"));
   const std::string_view header_text = fields.bytes(header_size);
   if (fields.failed()) return tl::unexpected(std::string("ends within its .npy header"));
   const std::optional<Header> header = parse_header_text(header_text);

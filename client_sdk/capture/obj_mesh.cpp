@@ -5,25 +5,13 @@
 
 #include <fmt/format.h>
 
+#include "client_sdk/capture/text_words.h"
 #include "client_sdk/capture/triangle_mesh.h"
 
 namespace rustle::capture {
 namespace {
 
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-
-std::string_view take_word(std::string_view& line) {
-  constexpr std::string_view kSpaces = " \t\r";
-  const std::size_t start = line.find_first_not_of(kSpaces);
-  if (start == std::string_view::npos) {
-    line = {};
-    return {};
-  }
-  line.remove_prefix(start);
-  const std::string_view word = line.substr(0, line.find_first_of(kSpaces));
-  line.remove_prefix(word.size());
-  return word;
-}
 
 std::optional<double> to_number(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);

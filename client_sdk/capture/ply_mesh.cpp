@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "client_sdk/capture/mcap_format.h"
+#include "client_sdk/capture/text_words.h"
 #include "client_sdk/capture/triangle_mesh.h"
 
 namespace rustle::capture {
@@ -43,15 +44,6 @@ std::string_view take_line(std::string_view& text) {
   text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
   if (line.ends_with('\r')) line.remove_suffix(1);
   return line;
-}
-
-std::string_view take_word(std::string_view& text) {
-  constexpr std::string_view kSpaces = " \t\r\n";
-  const std::size_t start = text.find_first_not_of(kSpaces);
-  text.remove_prefix(start == std::string_view::npos ? text.size() : start);
-  const std::string_view word = text.substr(0, text.find_first_of(kSpaces));
-  text.remove_prefix(word.size());
-  return word;
 }
 
 /// Values of the body one after the other; nullopt at its end or where a word is no number.

@@ -109,6 +109,8 @@ std::string remedy_for(std::error_code cause) {
     case EPERM:
     case EROFS:
       return "choose a folder this user may write to, or mend the permissions";
+    case EEXIST:
+      return "choose another name, or move that file away";
     case ENOENT:
     case ENOTDIR:
       return "check the path; folders are not made on the way";
@@ -128,6 +130,12 @@ std::string remedy_for(std::error_code cause) {
   }
 }
 
+tl::expected<std::unique_ptr<OutputFile>, StorageError> create(const std::filesystem::path& path, int flag) {
+  const int descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | flag, 0666);
+  if (descriptor < 0) return tl::unexpected(storage_error(path.string(), "create the file", last_error()));
+  return std::make_unique<PosixOutputFile>(descriptor, path.string());
+}
+
 }  // namespace
 
 std::string StorageError::text() const {
@@ -139,9 +147,11 @@ StorageError storage_error(const std::string& file_name, const std::string& acti
 }
 
 tl::expected<std::unique_ptr<OutputFile>, StorageError> create_file(const std::filesystem::path& path) {
-  const int descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (descriptor < 0) return tl::unexpected(storage_error(path.string(), "create the file", last_error()));
-  return std::make_unique<PosixOutputFile>(descriptor, path.string());
+  return create(path, O_TRUNC);
+}
+
+tl::expected<std::unique_ptr<OutputFile>, StorageError> create_new_file(const std::filesystem::path& path) {
+  return create(path, O_EXCL);
 }
 
 tl::expected<std::unique_ptr<InputFile>, StorageError> open_file(const std::filesystem::path& path) {

@@ -52,6 +52,9 @@ class InputFile {
 /// Creates the file, or empties it when it exists. Its name becomes durable with the first sync().
 tl::expected<std::unique_ptr<OutputFile>, StorageError> create_file(const std::filesystem::path& path);
 
+/// The same, but never a file that exists, nor through a link: then "File exists" is the error.
+tl::expected<std::unique_ptr<OutputFile>, StorageError> create_new_file(const std::filesystem::path& path);
+
 tl::expected<std::unique_ptr<InputFile>, StorageError> open_file(const std::filesystem::path& path);
 
 }  // namespace rustle::capture

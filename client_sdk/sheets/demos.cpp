@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kLength_m = 0.297;
 constexpr double kWidth_m = 0.210;
-constexpr double kTurn_rad = 2 * std::numbers::pi;
+constexpr double kCycle_rad = 2 * std::numbers::pi;
 
 /// Half the angle of the arch whose chord is 0.7 times its length: sin(x)/x = 0.7.
 constexpr double kArch_rad = 1.3725;
@@ -80,7 +80,7 @@ Animation animate(Staging staging) {
     double swing = 0;
     for (const WaveOptions& wave : staging.waves) {
       const double swell = smooth_step((t - wave.start_s) / wave.ramp_s) - smooth_step((t - wave.end_s) / wave.ramp_s);
-      swing += kSwing_rad * swell * std::sin(kTurn_rad * wave.frequency_hz * (t - wave.start_s));
+      swing += kSwing_rad * swell * std::sin(kCycle_rad * wave.frequency_hz * (t - wave.start_s));
     }
     // In the strip's own frame s runs from the front edge along +x; mirrored in x it runs toward the back.
     const ArcCurve curve = strip_curve(kLength_m, {0, staging.front_height_m.at(t), -(rise + swing)}, [&](double s) {
@@ -184,23 +184,23 @@ Animation whole_demo() {
                   {{0, 9}}});
 }
 
-constexpr std::array<std::string_view, 5> kNames = {"bend_slide_snap_shake", "bend", "slide", "snap", "shake"};
+constexpr std::array<std::string_view, 5> kDemoNames = {"bend_slide_snap_shake", "bend", "slide", "snap", "shake"};
 
 }  // namespace
 
 std::span<const std::string_view> demo_names() {
-  return kNames;
+  return kDemoNames;
 }
 
 std::unique_ptr<AnimatedSheet> make_demo(std::string_view name, std::size_t triangle_count, std::uint64_t seed) {
-  if (std::find(kNames.begin(), kNames.end(), name) == kNames.end()) return nullptr;
+  if (std::find(kDemoNames.begin(), kDemoNames.end(), name) == kDemoNames.end()) return nullptr;
   return make_demo_on(make_rectangle(MeshKind::kDelaunay, kLength_m, kWidth_m, triangle_count, seed), name);
 }
 
 std::unique_ptr<AnimatedSheet> make_demo_on(SheetMesh mesh, std::string_view name) {
   const std::array<Animation (*)(), 5> makers = {whole_demo, bend_demo, slide_demo, snap_demo, shake_demo};
-  for (std::size_t k = 0; k < kNames.size(); ++k) {
-    if (kNames[k] == name) return make_animated(std::move(mesh), makers[k]());
+  for (std::size_t k = 0; k < kDemoNames.size(); ++k) {
+    if (kDemoNames[k] == name) return make_animated(std::move(mesh), makers[k]());
   }
   return nullptr;
 }

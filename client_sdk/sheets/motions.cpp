@@ -12,7 +12,7 @@
 namespace rustle::sheets {
 namespace {
 
-constexpr double kTurn_rad = 2 * std::numbers::pi;
+constexpr double kWaveCycle_rad = 2 * std::numbers::pi;
 
 /// ∫ smooth_step from 0 to x.
 double smooth_step_integral(double x) {
@@ -99,7 +99,7 @@ double wave_curvature_per_m(const WaveOptions& wave, double length_m, double s_m
   const double swell = smooth_step((time_s - wave.start_s) / wave.ramp_s) - smooth_step((time_s - wave.end_s) / wave.ramp_s);
   const double grip = smooth_step(s_m / (0.25 * length_m));
   return wave.curvature_per_m * swell * grip *
-         std::sin(kTurn_rad * (s_m / wave.wavelength_m - wave.frequency_hz * (time_s - wave.start_s)));
+         std::sin(kWaveCycle_rad * (s_m / wave.wavelength_m - wave.frequency_hz * (time_s - wave.start_s)));
 }
 
 std::unique_ptr<AnimatedSheet> make_shake(SheetMesh mesh, const ShakeOptions& options) {
@@ -110,7 +110,7 @@ std::unique_ptr<AnimatedSheet> make_shake(SheetMesh mesh, const ShakeOptions& op
     const double swell = smooth_step((t - options.wave.start_s) / options.wave.ramp_s) -
                          smooth_step((t - options.wave.end_s) / options.wave.ramp_s);
     const double swing =
-        options.swing_rad * swell * std::sin(kTurn_rad * options.wave.frequency_hz * (t - options.wave.start_s));
+        options.swing_rad * swell * std::sin(kWaveCycle_rad * options.wave.frequency_hz * (t - options.wave.start_s));
     const ArcCurve curve = strip_curve(size.width_m, {0, options.height_m, options.heading_rad + swing},
                                        [&](double s) { return wave_curvature_per_m(options.wave, size.width_m, s, t); });
     return [curve, size](double u, double v) -> Point3 {
