@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "sound_db/build/cloth_build.h"
 #include "sound_db/build/friction_average.h"
 #include "sound_db/build/unit_search.h"
 #include "sound_db/dsp/level.h"
@@ -399,6 +400,7 @@ class Builder {
 
 std::optional<BuiltPack> build_pack(const BuildManifest& manifest, const std::filesystem::path& folder,
                                     pack::Findings& findings, const Progress& progress) {
+  if (manifest.cloth) return build_cloth_pack(manifest, folder, findings, progress);
   return Builder(manifest, folder, findings).run(progress);
 }
 

@@ -63,7 +63,8 @@ struct BuiltPack {
 /// Called with the part done in [0, 1].
 using Progress = std::function<void(double)>;
 
-/// Makes a pack of the recordings that a manifest names below `folder`:
+/// Makes a pack of the recordings that a manifest names below `folder`, of cloth where it says so (cloth_build.h), else of
+/// paper:
 ///   crumpling  find_units, without those 20 dB (made equally loud: 30 dB) below the loudest of their session, brought to
 ///   the section's recording geometry (emission_gain); clacs found in crumpling made
 ///              equally loud; the units_per_point of each grid point that stand most out of the noise

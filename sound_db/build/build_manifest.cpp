@@ -10,142 +10,14 @@
 #include <fnmatch.h>
 #include <toml++/toml.h>
 
+#include "sound_db/build/table_reader.h"
+#include "sound_db/dsp/unit_features.h"
+
 namespace rustle::build {
 
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A TOML table and its place in the file. Each reading checks type and range, and notes what was asked for.
-class TableReader {
- public:
-  TableReader(const toml::table& table, std::string place, std::string file, pack::Findings& findings)
-      : table_(table), place_(std::move(place)), file_(std::move(file)), findings_(findings) {}
-
-  void error(const std::string& key, std::string message, std::string remedy) {
-    const toml::node* node = table_.get(key);
-    const auto line = node ? node->source().begin.line : place_.empty() ? 0 : table_.source().begin.line;
-    const std::string at = line > 0 ? fmt::format(" (line {})", line) : "";
-    findings_.push_back({pack::Severity::kError, {file_, field(key) + at, std::move(message), std::move(remedy)}});
-  }
-
-  std::optional<double> number(const std::string& key, double low, double high) {
-    const toml::node* node = find(key);
-    if (!node) return std::nullopt;
-    const auto value = node->value<double>();
-    if (value && *value >= low && *value <= high) return value;
-    error(key, fmt::format("is not a number from {} to {}", low, high), "correct it");
-    return std::nullopt;
-  }
-  double number(const std::string& key, double fallback, double low, double high) {
-    return number(key, low, high).value_or(fallback);
-  }
-
-  int integer(const std::string& key, int fallback, int low, int high) {
-    const toml::node* node = find(key);
-    if (!node) return fallback;
-    const auto value = node->value_exact<std::int64_t>();
-    if (value && *value >= low && *value <= high) return static_cast<int>(*value);
-    error(key, fmt::format("is not a whole number from {} to {}", low, high), "correct it");
-    return fallback;
-  }
-
-  std::string text(const std::string& key, bool required, std::string fallback = {}) {
-    const toml::node* node = find(key);
-    if (!node) {
-      if (required) error(key, "is missing", "add it: a text in quotes");
-      return fallback;
-    }
-    const auto value = node->value_exact<std::string>();
-    if (value && !value->empty()) return *value;
-    error(key, "is not a text", "put it in quotes");
-    return fallback;
-  }
-
-  bool flag(const std::string& key, bool fallback) {
-    const toml::node* node = find(key);
-    if (!node) return fallback;
-    if (const auto value = node->value_exact<bool>()) return *value;
-    error(key, "is neither true nor false", "correct it");
-    return fallback;
-  }
-
-  /// A text or a list of texts.
-  std::vector<std::string> texts(const std::string& key) {
-    const toml::node* node = find(key);
-    std::vector<std::string> result;
-    if (node && node->is_string()) result.push_back(*node->value<std::string>());
-    if (node && node->is_array()) {
-      for (const toml::node& item : *node->as_array()) {
-        if (const auto value = item.value_exact<std::string>()) result.push_back(*value);
-      }
-      if (result.size() != node->as_array()->size()) result.clear();
-    }
-    if (result.empty()) error(key, node ? "is not a text or a list of texts" : "is missing", "name files in quotes");
-    return result;
-  }
-
-  /// Two rising numbers.
-  std::optional<std::pair<double, double>> span(const std::string& key) {
-    const toml::node* node = find(key);
-    if (!node) return std::nullopt;
-    if (const toml::array* array = node->as_array(); array && array->size() == 2) {
-      const auto from = (*array)[0].value<double>(), to = (*array)[1].value<double>();
-      if (from && to && *from >= 0 && *from < *to) return std::pair(*from, *to);
-    }
-    error(key, "is not [from, to] in seconds with 0 <= from < to", "correct it, time = [0.5, 2.0] say");
-    return std::nullopt;
-  }
-
-  std::optional<TableReader> table(const std::string& key) {
-    const toml::node* node = find(key);
-    if (!node) return std::nullopt;
-    if (const toml::table* inner = node->as_table()) return TableReader(*inner, field(key), file_, findings_);
-    error(key, "is not a table", fmt::format("write it as [{}]", field(key)));
-    return std::nullopt;
-  }
-
-  std::vector<TableReader> tables(const std::string& key) {
-    const toml::node* node = find(key);
-    std::vector<TableReader> result;
-    const toml::array* array = node ? node->as_array() : nullptr;
-    if (array) {
-      for (const toml::node& item : *array) {
-        if (!item.is_table()) continue;
-        const auto line = item.source().begin.line;
-        result.emplace_back(*item.as_table(), fmt::format("{}[{}] (line {})", key, result.size(), line), file_, findings_);
-      }
-    }
-    if (result.empty()) error(key, "is missing", fmt::format("add a [[{}]] for each kind of recording", key));
-    return result;
-  }
-
-  bool has(const std::string& key) const { return table_.contains(key); }
-  const std::string& place() const { return place_; }
-
-  void refuse_unknown() {
-    for (const auto& [key, node] : table_) {
-      const std::string name(key.str());
-      if (!asked_.contains(name)) {
-        error(name, "is not known",
-              "check its spelling; `rustle pack build --print-manifest` explains what a manifest may say");
-      }
-    }
-  }
-
- private:
-  const toml::node* find(const std::string& key) {
-    asked_.insert(key);
-    return table_.get(key);
-  }
-  std::string field(const std::string& key) const { return place_.empty() ? key : place_ + "." + key; }
-
-  const toml::table& table_;
-  std::string place_;
-  std::string file_;
-  pack::Findings& findings_;
-  std::set<std::string> asked_;
-};
 
 pack::RecordingGeometry read_geometry(TableReader& parent, pack::RecordingGeometry geometry) {
   auto table = parent.table("geometry");
@@ -191,6 +63,19 @@ void refuse_misplaced(TableReader& reader, const Take& take) {
     reader.error("speed", "and speed_track are both said", "take one out");
 }
 
+/// What goes with packs of cloth.
+void refuse_paper(TableReader& reader, const Take& take) {
+  const bool known = take.sound_class == SoundClass::kCloth || take.sound_class == SoundClass::kSlide ||
+                     take.sound_class == SoundClass::kCrumple || take.sound_class == SoundClass::kTear;
+  if (!known) {
+    reader.error("class", fmt::format("is \"{}\", which packs of cloth do not hold", name(take.sound_class)),
+                 "there are cloth, slide and crumple; take [cloth] out for a pack of paper");
+  }
+  for (const char* key : {"l_r", "l_c", "constrained", "lead_ms", "keep_levels"}) {
+    if (reader.has(key)) reader.error(key, "is said of paper only", "take it out");
+  }
+}
+
 Take read_take(TableReader& reader, const BuildManifest& manifest) {
   Take take;
   take.place = reader.place();
@@ -216,6 +101,7 @@ Take read_take(TableReader& reader, const BuildManifest& manifest) {
   take.window_s = reader.number("window_ms", 20, 1, 200) / 1000;
   take.lead_s = reader.number("lead_ms", 50, 0, 10000) / 1000;
   refuse_misplaced(reader, take);
+  if (manifest.cloth) refuse_paper(reader, take);
   reader.refuse_unknown();
   return take;
 }
@@ -246,6 +132,29 @@ void read_sections(TableReader& root, BuildManifest& manifest) {
     friction.gain_cutoff_hz = table->number("gain_cutoff_hz", friction.gain_cutoff_hz, 0.1, 20000);
     table->refuse_unknown();
   }
+}
+
+ClothSettings read_cloth(TableReader& table) {
+  ClothSettings cloth;
+  cloth.units_per_s = table.number("units_per_s", cloth.units_per_s, 10, 1000);
+  cloth.binaural = table.flag("binaural", false);
+  pack::SelectionParameters& selection = cloth.selection;
+  if (const auto widths = table.integers("widths", dsp::kUnitFeatures, 1, 10000)) selection.filter_widths = *widths;
+  selection.lambda = table.number("lambda", selection.lambda, 0, 1e15);
+  selection.look_ahead = table.integer("look_ahead", selection.look_ahead, 0, 240);
+  selection.greatest_distance = table.number("d_max", selection.greatest_distance, 0, 1e6);
+  selection.cool_off = table.integer("cool_off", selection.cool_off, 0, 100000);
+  cloth.wale_spacing_m = table.number("wale_spacing", cloth.wale_spacing_m, 0, 1);
+  cloth.patch_area_m2 = table.number("patch_area", cloth.patch_area_m2, 1e-6, 100);
+  cloth.speed_threshold_m_per_s = table.number("speed_threshold", cloth.speed_threshold_m_per_s, 0, 100);
+  cloth.slowest_m_per_s = table.number("slowest", cloth.slowest_m_per_s, 1e-4, 100);
+  cloth.fastest_m_per_s = table.number("fastest", cloth.fastest_m_per_s, 1e-4, 100);
+  cloth.speeds = table.integer("speeds", cloth.speeds, 2, 1000);
+  cloth.tolerance = table.number("speed_tolerance", cloth.tolerance, 0.001, 0.5);
+  cloth.pause_below_db = table.number("pause_db", cloth.pause_below_db, 20, 120);
+  if (!(cloth.slowest_m_per_s < cloth.fastest_m_per_s)) table.error("fastest", "is not above slowest", "correct it");
+  table.refuse_unknown();
+  return cloth;
 }
 
 bool has_error(const pack::Findings& findings, std::size_t from) {
@@ -304,6 +213,7 @@ std::optional<BuildManifest> read_build_manifest(const fs::path& file, pack::Fin
     pack.touched_surface = about->text("touched_surface", true);
     pack.name = about->text("name", false, pack.material + "-on-" + pack.touched_surface);
     pack.version = about->text("version", false, "1.0.0");
+    pack.grammage_kg_per_m2 = about->number("grammage_kg_per_m2", pack.grammage_kg_per_m2, 1e-4, 100);
     pack.licence = about->text("licence", true);
     pack.origin = about->text("origin", true);
     pack.rate_hz = pack.stored_rate_hz = static_cast<std::uint32_t>(about->integer("rate_hz", 48000, 8000, 192000));
@@ -312,6 +222,7 @@ std::optional<BuildManifest> read_build_manifest(const fs::path& file, pack::Fin
   } else if (!root.has("pack")) {
     root.error("pack", "is missing", "add a [pack] with material, touched_surface, licence and origin");
   }
+  if (auto settings = root.table("cloth")) manifest.cloth = read_cloth(*settings);
   read_sections(root, manifest);
   for (TableReader& reader : root.tables("recording")) manifest.takes.push_back(read_take(reader, manifest));
   root.refuse_unknown();

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sound_db/build/sound_class.h"
+#include "sound_db/pack/cloth_corpus.h"
 #include "sound_db/pack/pack_error.h"
 #include "sound_db/pack/sound_pack.h"
 
@@ -38,6 +39,20 @@ struct Take {
   bool measures_pack() const { return sound_class != SoundClass::kTear && sound_class != SoundClass::kCloth; }
 };
 
+/// `[cloth]`: a pack of cloth is to be made (cloth_build.h).
+struct ClothSettings {
+  double units_per_s = 240;
+  bool binaural = false;  ///< two channels at once; else each is a source of its own
+  pack::SelectionParameters selection;
+  double wale_spacing_m = 0;
+  double patch_area_m2 = 0.01;  ///< that slides were recorded with
+  double speed_threshold_m_per_s = 0.02;
+  double slowest_m_per_s = 0.05, fastest_m_per_s = 2;  ///< of the sweep's speeds
+  int speeds = 14;
+  double tolerance = 0.06;     ///< of a clip's speed, as a share
+  double pause_below_db = 60;  ///< below the loudest 5 ms of a recording
+};
+
 struct BuildManifest {
   std::filesystem::path file;
   /// Name, material and the like, rates, geometry and reference values of both sections; no units and no spectra.
@@ -45,6 +60,7 @@ struct BuildManifest {
   double highpass_hz = 100;  ///< 5th-order Butterworth against rumble and offset (An et al. 2012); 0: only the offset
   int units_per_point = 12;  ///< at most, those that stand out of the noise most
   std::vector<Take> takes;
+  std::optional<ClothSettings> cloth;  ///< then takes are cloth, slides and crumpling
 };
 
 /// Reads a manifest. Everything wrong goes to `findings`, with its line; nothing is returned when one of them is an error.

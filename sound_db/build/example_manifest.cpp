@@ -11,6 +11,7 @@ material = "printer-paper"          # as sheets name it
 touched_surface = "wooden-table"    # what it slides on
 licence = "CC0-1.0"                 # of the recordings, and so of the pack
 origin = "recorded by A. Person, 2024"
+# grammage_kg_per_m2 = 0.080         # mass per area: heavier sheets tear louder
 # name = "printer-paper-on-wooden-table"
 # version = "1.0.0"
 # rate_hz = 48000                   # of the pack; recordings of any rate are converted
@@ -39,6 +40,23 @@ elevation_deg = 30
 plane = true
 compression = 0.3
 
+# [cloth]                           # a pack of cloth (An et al. 2012) instead: of recordings of class cloth, slide, crumple
+# units_per_s = 240                 # how short the units are that sound is put together of; 60 where it has a rhythm
+# binaural = false                  # true: two channels at once; else every channel is a source of its own
+# widths = [20, 50, 10]             # of the filters over time of the three features, in units
+# lambda = 100                      # of the warp: the more the stiffer; `rustle pack calibrate` fits it
+# look_ahead = 5
+# d_max = 2.0
+# cool_off = 20
+# wale_spacing = 0.0                # of ribs that click, in m: 0.0014 for corduroy
+# patch_area = 0.01                 # of the cloth that slides were recorded with, in m2
+# speed_threshold = 0.02            # what was never faster is silent
+# slowest = 0.05                    # speeds of the friction spectra, in equal ratios ...
+# fastest = 2.0
+# speeds = 14
+# speed_tolerance = 0.06            # ... and how near a moment's speed must be to count for one
+# pause_db = 60                     # recordings are cut where they fall so far below their loudest moment
+
 # One entry for each kind of recording.
 #
 # files          a name or a list; * and ? stand for parts of a name, ** for folders as well
@@ -46,7 +64,8 @@ compression = 0.3
 #                clac     single clicks of a sheet that cannot swing freely
 #                crumple  crumpling by hand: clacs are cut out of it
 #                slide    a sheet sliding: its mean spectrum is taken
-#                tear, cloth   left out of the pack; `rustle validate --against` compares with them
+#                cloth    varied motion, what packs of cloth are made of; left out of packs of paper
+#                tear     left out of the pack; `rustle validate --against` compares with tears and cloth
 # l_r, l_c       flaps and slides of bent sheets: length of the straight rulings, and of the free curved borders, which is
 #                twice the bent edge. Left out: told by the file's name, r100_c200 in mm.
 # constrained    true: a slide of a flat sheet

@@ -23,8 +23,8 @@ constexpr double kSlide_s = 1.0, kCrumpling_s = 1.2;
 constexpr int kCrumplings = 6;
 constexpr double kShortestGap_s = 0.001, kLongestGap_s = 0.05;
 constexpr double kEnergyExponent = 1.45, kLeastEnergy = 3e-3;
-constexpr double kSmallFlaps = 0.06;  // part of the events
-constexpr pack::GridPoint kSmallFlap{0.025, 0.05};
+constexpr double kSmallFlaps = 0.06;               // part of the events
+constexpr pack::GridPoint kSmallFlap{0.05, 0.05};  // the usual resonator of a crumpled sheet that is not held
 constexpr double kBed_db = -10, kBed_s = 0.05;
 
 std::string place(const pack::GridPoint& point) {

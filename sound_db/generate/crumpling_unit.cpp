@@ -20,12 +20,13 @@ constexpr double kAftershocks = 24.0, kEnergyExponent = 1.4;
 constexpr double kAfterFrom_s = 0.004, kAfterTo_s = 0.35;
 constexpr double kMostOfSnap = 0.25, kFade = 0.25;
 constexpr double kModes_db = -9.0, kBrush_db = -8.0, kWay_db = -20.0;
+constexpr double kSmallFlap_hz = 10000.0;
 constexpr int kParts = 7;
 constexpr int kMostModes = 12;
 constexpr double kTilt_hz = 3000.0;
 constexpr double kClacPeak_db = -11.0, kClacSpread_db = 3.0;
 constexpr double kClac_s = 0.03, kRub_db = -26.0, kRub_s = 0.008;
-constexpr double kClac_hz = 4600.0, kClacFrom_hz = 3650.0, kClacTo_hz = 6800.0;
+constexpr double kClac_hz = 4250.0, kClacFrom_hz = 3800.0, kClacTo_hz = 6800.0;
 
 /// A part of a sheet, or a facet, unlike its neighbours.
 Response scattered(const Response& typical, double corner_spread, double formant_db, dsp::Random& random) {
@@ -134,8 +135,9 @@ std::vector<float> slow_gain(double cutoff_hz, std::size_t length, double rate_h
 }  // namespace
 
 double flap_corner_hz(const Paper& paper, const pack::GridPoint& point) {
-  return brightness(paper) * 5200.0 * std::pow(point.ruling_length_m / 0.1, -0.4) *
-         std::pow(point.free_border_length_m / 0.2, -0.33);
+  const double law_hz =
+      5200.0 * std::pow(point.ruling_length_m / 0.1, -0.4) * std::pow(point.free_border_length_m / 0.2, -0.33);
+  return brightness(paper) * levelled_off(law_hz, kSmallFlap_hz);
 }
 
 double flap_centroid_hz(const Paper& paper, const pack::GridPoint& point) {

@@ -11,7 +11,8 @@ namespace rustle::generate {
 
 inline constexpr double kFlapCompression = 0.10;
 
-/// Corner of a flap's spectrum, b 5200 (l_r / 0.1)^-0.4 (l_c / 0.2)^-0.33 Hz, b the paper's brightness.
+/// Corner of a flap's spectrum, b the paper's brightness times 5200 (l_r / 0.1)^-0.4 (l_c / 0.2)^-0.33 Hz, levelled_off()
+/// from 10 kHz: facets of a few centimetres flap no brighter than real ones.
 double flap_corner_hz(const Paper& paper, const pack::GridPoint& point);
 
 /// Centroid that every flap of this size has: that of the noise with this corner, its low cut and slope, 50 Hz to 15 kHz.
@@ -35,7 +36,7 @@ std::vector<float> flap(const Paper& paper, const pack::GridPoint& point, double
 
 /// A clac: one to four facets of 5-25 mm, their centres b 8000 (ℓ / 5 mm)^-0.86 Hz, energies ∝ ℓ times Pareto 1.4, each a
 /// crack about a millisecond long and its ring, T60 = 2.2 / (η f) and no more than 13 ms; 26 dB below, layers that rub for 8
-/// ms. A shelf at 3 kHz brings its centroid half way (in octaves) to b^¾ 4.6 kHz, within 3.65-6.8 kHz, where real ones lie.
+/// ms. A shelf at 3 kHz brings its centroid half way (in octaves) to b^¾ 4.25 kHz, within 3.8-6.8 kHz, where real ones lie.
 /// Its peak is 11 dB below that of the 10 x 10 cm flap, give or take 3 dB.
 std::vector<float> clac(const Paper& paper, double rate_hz, dsp::Random random, Workspace& workspace);
 

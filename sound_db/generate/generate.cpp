@@ -11,6 +11,8 @@
 
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/random.h"
+#include "sound_db/generate/cloth.h"
+#include "sound_db/generate/cloth_material.h"
 #include "sound_db/generate/crumpling_unit.h"
 #include "sound_db/generate/friction_spectrum.h"
 #include "sound_db/pack/emission.h"
@@ -21,7 +23,7 @@ namespace rustle::generate {
 
 namespace {
 
-enum Stream : std::uint64_t { kFlapStream = 1, kClacStream = 2 };
+enum PaperStream : std::uint64_t { kFlapStream = 1, kClacStream = 2 };
 
 /// Kurtosis 3 exp(4 σ²) = 5.3 of steady sliding; real slides have 4 to 6, and pushes by hand, from rest to rest, 7.7 and
 /// more.
@@ -79,6 +81,7 @@ pack::SoundPack make_pack(const Paper& paper, const Options& options, const Prog
   result.version = "1.1.0";
   result.material = paper.name;
   result.touched_surface = "wooden-table";
+  result.grammage_kg_per_m2 = paper.grammage_kg_per_m2;
   result.licence = "CC0-1.0";
   result.origin = "generated";
   result.rate_hz = result.stored_rate_hz = options.rate_hz;
@@ -155,16 +158,21 @@ pack::SoundPack make_pack(const Paper& paper, const Options& options, const Prog
   return result;
 }
 
+std::vector<std::string> material_names() {
+  std::vector<std::string> names;
+  for (const Paper& paper : papers()) names.emplace_back(paper.name);
+  for (const ClothMaterial& cloth : cloth_materials()) names.emplace_back(cloth.name);
+  return names;
+}
+
 tl::expected<void, pack::PackError> write_pack(std::string_view material, const std::filesystem::path& folder,
                                                const Progress& progress) {
-  const Paper* paper = find_paper(material);
-  if (!paper) {
-    std::vector<std::string_view> names;
-    for (const Paper& known : papers()) names.push_back(known.name);
-    return tl::unexpected(pack::PackError{folder.string(), "material", fmt::format("\"{}\" cannot be generated", material),
-                                          fmt::format("there are: {}", fmt::join(names, ", "))});
+  if (const Paper* paper = find_paper(material)) return pack::write(make_pack(*paper, {}, progress), folder);
+  if (const ClothMaterial* cloth = find_cloth_material(material)) {
+    return pack::write(make_cloth_pack(*cloth, {}, progress), folder);
   }
-  return pack::write(make_pack(*paper, {}, progress), folder);
+  return tl::unexpected(pack::PackError{folder.string(), "material", fmt::format("\"{}\" cannot be generated", material),
+                                        fmt::format("there are: {}", fmt::join(material_names(), ", "))});
 }
 
 }  // namespace rustle::generate

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -49,7 +50,10 @@ using Progress = std::function<void(double)>;
 /// the grid lacks them; all other sounds keep their level relative to them.
 pack::SoundPack make_pack(const Paper& paper, const Options& options = {}, const Progress& progress = {});
 
-/// make_pack to a folder. Errors: a material that is not known, a folder that cannot be written.
+/// Materials that write_pack knows: papers, then cloths.
+std::vector<std::string> material_names();
+
+/// make_pack or make_cloth_pack to a folder. Errors: a material that is not known, a folder that cannot be written.
 [[nodiscard]] tl::expected<void, pack::PackError> write_pack(std::string_view material, const std::filesystem::path& folder,
                                                              const Progress& progress = {});
 

@@ -36,6 +36,10 @@ double brightness(const Paper& paper) {
   return std::cbrt(printer.thickness_m / paper.thickness_m) * std::pow(reach(paper) / reach(printer), 0.365);
 }
 
+double levelled_off(double frequency_hz, double from_hz) {
+  return frequency_hz * std::pow(1 + std::pow(frequency_hz / from_hz, 5), -0.12);
+}
+
 double decay_s(const Paper& paper, double frequency_hz) {
   return 2.2 / (paper.loss_factor * frequency_hz);
 }

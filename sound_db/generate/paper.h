@@ -33,6 +33,11 @@ const Paper* find_paper(std::string_view name);
 /// (P6), hence the exponent. Tracing paper 1.24, banknote 0.81. Scalings, not measurements.
 double brightness(const Paper& paper);
 
+/// A frequency f that a power law of size gives, held down where the law is carried on to smaller sizes than it was found
+/// at: from about `from_hz` = f₀ on it rises with 0.4 of its power,
+///   f' = f [1 + (f / f₀)⁵]^-0.12
+double levelled_off(double frequency_hz, double from_hz);
+
 /// T60 at a frequency, 2.2 / (η f).
 double decay_s(const Paper& paper, double frequency_hz);
 

@@ -10,26 +10,15 @@
 #include <fmt/format.h>
 
 #include "sound_db/dsp/level.h"
+#include "sound_db/pack/cloth_check.h"
 #include "sound_db/pack/levels.h"
 #include "sound_db/pack/load.h"
 #include "sound_db/pack/manifest.h"
+#include "sound_db/pack/warnings.h"
 
 namespace rustle::pack {
 
 namespace {
-
-class Warnings {
- public:
-  Warnings(const std::filesystem::path& folder, Findings& findings) : folder_(folder), findings_(findings) {}
-  void operator()(const std::string& file, std::string field, std::string message, std::string remedy) {
-    findings_.push_back(
-        {Severity::kWarning, {(folder_ / file).string(), std::move(field), std::move(message), std::move(remedy)}});
-  }
-
- private:
-  const std::filesystem::path& folder_;
-  Findings& findings_;
-};
 
 std::string place(const GridPoint& point) {
   return point.constrained()
@@ -105,21 +94,17 @@ void check_friction(const FrictionSection& section, Warnings& warn) {
   }
 }
 
-void check_strays(const std::filesystem::path& folder, const SoundPack& pack, Warnings& warn) {
+void check_strays(const std::filesystem::path& folder, const Manifest& manifest, Warnings& warn) {
   namespace fs = std::filesystem;
   std::set<std::string> named;
-  const auto add = [&](const auto& entries) {
-    for (const auto& entry : entries) named.insert(fs::path(entry.file).lexically_normal().string());
-  };
-  if (pack.crumpling) add(pack.crumpling->units);
-  if (pack.friction) add(pack.friction->spectra);
+  for (const std::string& file : named_files(manifest)) named.insert(fs::path(file).lexically_normal().string());
   std::set<std::string> strays;
   std::error_code failed;
   for (fs::recursive_directory_iterator at(folder, failed), end; !failed && at != end; at.increment(failed)) {
     const std::string name = at->path().lexically_relative(folder).string(), kind = at->path().extension().string();
     if ((kind == ".wav" || kind == ".flac" || kind == ".npy") && !named.contains(name)) strays.insert(name);
   }
-  if (!pack.notices.empty()) return;  // a section that is left alone may name them
+  if (!manifest.pack.notices.empty()) return;  // a section that is left alone may name them
   for (const std::string& name : strays) warn(name, "", "is not named in pack.json", "add an entry or take it away");
 }
 
@@ -134,12 +119,13 @@ Findings check(const std::filesystem::path& folder) {
   const auto pack = load_with_findings(folder, options, findings);
   if (!pack) return findings;
   Warnings warn(folder, findings);
-  if (!pack->crumpling && !pack->friction) {
-    warn(kManifestName, "", "has neither crumpling nor friction: the pack is silent", "add a section");
+  if (!pack->crumpling && !pack->friction && !pack->cloth) {
+    warn(kManifestName, "", "has neither crumpling nor friction nor cloth: the pack is silent", "add a section");
   }
   if (pack->crumpling) check_crumpling(*pack->crumpling, pack->rate_hz, dsp::db_to_gain(manifest->crumpling_gain_db), warn);
   if (pack->friction) check_friction(*pack->friction, warn);
-  check_strays(folder, *pack, warn);
+  if (pack->cloth) check_cloth(*pack->cloth, *manifest->cloth, folder, findings);
+  check_strays(folder, *manifest, warn);
   return findings;
 }
 

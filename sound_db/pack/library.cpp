@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <set>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -27,6 +28,22 @@ std::vector<fs::path> pack_folders(const fs::path& folder) {
   return found;
 }
 
+std::vector<std::string> places_of(const std::vector<fs::path>& folders) {
+  std::vector<std::string> places;
+  for (const fs::path& folder : folders) places.push_back(folder.string());
+  return places;
+}
+
+/// By its own name or its material's; an empty name is everyone's.
+bool is_called(const PackEntry& entry, const std::string& name) {
+  return name.empty() || entry.name == name || entry.material == name;
+}
+
+/// Whether the error is about the pack in this folder.
+bool is_of(const PackError& error, const fs::path& folder) {
+  return error.file == folder || fs::path(error.file).parent_path() == folder;
+}
+
 }  // namespace
 
 std::vector<fs::path> default_search_folders() {
@@ -49,16 +66,17 @@ std::vector<fs::path> default_search_folders() {
 
 PackLibrary::PackLibrary(std::vector<fs::path> folders, Loader loader)
     : folders_(std::move(folders)), loader_(std::move(loader)) {
-  rescan();
+  Found found = look();
+  entries_ = std::move(found.entries);
+  broken_ = std::move(found.broken);
 }
 
 PackLibrary::Loader PackLibrary::load_folder() {
   return [](const fs::path& folder, const LoadOptions& options) { return pack::load(folder, options); };
 }
 
-void PackLibrary::rescan() {
-  std::vector<PackEntry> entries;
-  std::vector<PackError> broken;
+PackLibrary::Found PackLibrary::look() const {
+  Found found;
   std::set<fs::path> seen;
   for (const fs::path& folder : folders_) {
     for (const fs::path& pack : pack_folders(folder)) {
@@ -66,18 +84,88 @@ void PackLibrary::rescan() {
       Findings findings;
       if (const auto manifest = read_manifest(pack, findings)) {
         const SoundPack& p = manifest->pack;
-        entries.push_back({pack, p.name, p.version, p.material, p.touched_surface, p.licence, p.origin});
+        found.entries.push_back({pack, p.name, p.version, p.material, p.touched_surface, p.licence, p.origin});
         continue;
       }
       const auto first =
           std::find_if(findings.begin(), findings.end(), [](const Finding& f) { return f.severity == Severity::kError; });
-      if (first != findings.end()) broken.push_back(first->what);
+      if (first != findings.end()) found.broken.push_back(first->what);
     }
   }
+  return found;
+}
+
+/// Where in the search order the entry's folder stands.
+std::size_t PackLibrary::rank(const PackEntry& entry) const {
+  const auto holds = [&](const fs::path& folder) { return folder == entry.folder || folder == entry.folder.parent_path(); };
+  return static_cast<std::size_t>(std::find_if(folders_.begin(), folders_.end(), holds) - folders_.begin());
+}
+
+tl::expected<std::vector<PackEntry>, PackError> PackLibrary::called(const std::string& name, const Found& found) const {
+  if (name.empty() && !found.broken.empty()) return tl::unexpected(found.broken.front());
+  if (found.entries.empty()) {
+    return tl::unexpected(PackError{fmt::format("{}", fmt::join(places_of(folders_), ":")), "", "no sound packs are there",
+                                    "put them back, or name their folder in RUSTLE_PACK_PATH and start again"});
+  }
+  std::vector<PackEntry> meant;
+  std::set<std::pair<std::string, std::string>> seen;
+  for (const PackEntry& entry : found.entries) {
+    const bool counts = seen.emplace(entry.material, entry.touched_surface).second;
+    if (counts && is_called(entry, name)) meant.push_back(entry);
+  }
+  if (name.empty()) return meant;
+  for (const PackError& broken : found.broken) {
+    const auto known = entries();
+    const bool is_meant = std::any_of(known.begin(), known.end(),
+                                      [&](const PackEntry& e) { return is_called(e, name) && is_of(broken, e.folder); });
+    if (is_meant || fs::path(broken.file).parent_path().filename() == name) return tl::unexpected(broken);
+  }
+  if (!meant.empty()) return meant;
+  std::set<std::string> names;
+  for (const PackEntry& entry : found.entries) names.insert(entry.material);
+  return tl::unexpected(PackError{fmt::format("{}", fmt::join(places_of(folders_), ":")), "name",
+                                  fmt::format("there is no sound pack or material called \"{}\"", name),
+                                  fmt::format("there are: {}", fmt::join(names, ", "))});
+}
+
+tl::expected<std::vector<std::shared_ptr<const SoundPack>>, PackError> PackLibrary::reload(const std::string& name,
+                                                                                           std::uint32_t rate_hz) {
+  Found found = look();
+  const auto meant = called(name, found);
+  if (!meant) return tl::unexpected(meant.error());
+  std::vector<std::shared_ptr<const SoundPack>> packs;
+  for (const PackEntry& entry : *meant) {
+    auto pack = loader_(entry.folder, LoadOptions{rate_hz, 0});
+    if (!pack) return tl::unexpected(std::move(pack.error()));
+    packs.push_back(std::move(*pack));
+  }
   const std::lock_guard lock(mutex_);
-  entries_ = std::move(entries);
-  broken_ = std::move(broken);
-  loaded_.clear();
+  for (std::size_t k = 0; k < packs.size(); ++k) {
+    const fs::path& folder = (*meant)[k].folder;
+    const auto before = loaded_.find(Key{folder, rate_hz, 0});
+    const auto shared = before == loaded_.end() ? nullptr : before->second->pack.lock();
+    if (shared && *shared == *packs[k]) {
+      packs[k] = shared;
+      continue;
+    }
+    std::erase_if(loaded_, [&](const auto& known) { return std::get<0>(known.first) == folder; });
+    auto& place = loaded_[Key{folder, rate_hz, 0}] = std::make_shared<Loaded>();
+    place->pack = packs[k];
+  }
+  if (name.empty()) {
+    entries_ = std::move(found.entries);
+    broken_.clear();
+    return packs;
+  }
+  for (const PackEntry& entry : *meant) {
+    std::erase_if(broken_, [&](const PackError& broken) { return is_of(broken, entry.folder); });
+    std::erase_if(entries_, [&](const PackEntry& known) { return known.folder == entry.folder; });
+    entries_.push_back(entry);
+  }
+  std::sort(entries_.begin(), entries_.end(), [&](const PackEntry& a, const PackEntry& b) {
+    return std::pair(rank(a), a.folder) < std::pair(rank(b), b.folder);
+  });
+  return packs;
 }
 
 std::vector<fs::path> PackLibrary::search_folders() const {
@@ -109,11 +197,9 @@ tl::expected<PackEntry, PackError> PackLibrary::find(const std::string& material
     if (!any_surface) any_surface = &entry;
   }
   if (any_surface) return *any_surface;
-  std::vector<std::string> places;
-  for (const fs::path& folder : folders_) places.push_back(folder.string());
   const auto known = materials();
-  PackError error{fmt::format("{}", fmt::join(places, ":")), "material", fmt::format("no sound pack for \"{}\"", material),
-                  ""};
+  PackError error{fmt::format("{}", fmt::join(places_of(folders_), ":")), "material",
+                  fmt::format("no sound pack for \"{}\"", material), ""};
   if (known.empty()) {
     error.remedy =
         "no packs are there at all: make one with `rustle pack generate`, or name their folder in RUSTLE_PACK_PATH";

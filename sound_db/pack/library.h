@@ -44,8 +44,11 @@ class PackLibrary {
 
   explicit PackLibrary(std::vector<std::filesystem::path> folders = default_search_folders(), Loader loader = load_folder());
 
-  /// Looks again and forgets what was loaded; packs in use stay as they are.
-  void rescan();
+  /// Reads packs anew: those of this name or material, or with an empty name all that are there; new ones too. All or
+  /// nothing: an error names the first file at fault, and everything stays as it was. Returns them, at this rate; one that
+  /// reads as it did before is the one that was shared before, and who holds another keeps it. Blocks while it reads.
+  [[nodiscard]] tl::expected<std::vector<std::shared_ptr<const SoundPack>>, PackError> reload(const std::string& name,
+                                                                                              std::uint32_t rate_hz);
 
   std::vector<std::filesystem::path> search_folders() const;
   std::vector<PackEntry> entries() const;
@@ -66,6 +69,15 @@ class PackLibrary {
 
  private:
   static Loader load_folder();
+  /// What is in the folders now.
+  struct Found {
+    std::vector<PackEntry> entries;
+    std::vector<PackError> broken;
+  };
+  Found look() const;
+  /// The entries to read anew; an error where one of that name cannot be.
+  tl::expected<std::vector<PackEntry>, PackError> called(const std::string& name, const Found& found) const;
+  std::size_t rank(const PackEntry& entry) const;
 
   using Key = std::tuple<std::filesystem::path, std::uint32_t, std::uint32_t>;
   /// A pack at a rate. Its lock is held while it is read, so that who wants the same one waits instead of reading it again.

@@ -3,10 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <functional>
 #include <map>
-#include <numeric>
-#include <thread>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -14,6 +11,8 @@
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/resample.h"
 #include "sound_db/pack/audio_file.h"
+#include "sound_db/pack/cloth_load.h"
+#include "sound_db/pack/each_index.h"
 #include "sound_db/pack/manifest.h"
 #include "sound_db/pack/npy.h"
 #include "sound_db/pack/spectra.h"
@@ -26,18 +25,6 @@ constexpr std::uint64_t kMostSamples = 1u << 28;
 
 bool before(const GridPoint& a, const GridPoint& b) {
   return std::tie(a.ruling_length_m, a.free_border_length_m) < std::tie(b.ruling_length_m, b.free_border_length_m);
-}
-
-/// Calls job(0) .. job(count - 1), each once, on the machine's cores.
-void for_each_index(std::size_t count, const std::function<void(std::size_t)>& job) {
-  std::atomic<std::size_t> next{0};
-  const auto work = [&] {
-    for (std::size_t i = next++; i < count; i = next++) job(i);
-  };
-  const std::size_t cores = std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, 8);
-  std::vector<std::jthread> helpers;
-  for (std::size_t t = 1; t < std::min(cores, count); ++t) helpers.emplace_back(work);
-  work();
 }
 
 void load_units(const std::filesystem::path& folder, CrumplingSection& section, double gain_db, std::uint32_t stored_rate_hz,
@@ -157,6 +144,7 @@ std::shared_ptr<const SoundPack> load_with_findings(const std::filesystem::path&
     std::stable_sort(pack.friction->spectra.begin(), pack.friction->spectra.end(),
                      [](const Spectrum& a, const Spectrum& b) { return before(a.point, b.point); });
   }
+  if (manifest->cloth) pack.cloth = load_cloth(folder, std::move(*manifest->cloth), options, findings);
   pack.rate_hz = options.rate_hz;
   for (std::size_t i = before_loading; i < findings.size(); ++i) {
     if (findings[i].severity == Severity::kError) return nullptr;

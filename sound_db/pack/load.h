@@ -14,6 +14,8 @@ namespace rustle::pack {
 struct LoadOptions {
   std::uint32_t rate_hz = 48000;  ///< 8000 to 192000
   std::uint32_t fft_size = 0;     ///< of the friction spectra; 0: as stored
+  /// Cloth: features are measured anew instead of read, and warps are left at the identity. For who replaces both.
+  bool measure_units = false;
 };
 
 /// Reads a pack's folder at a rate: units resampled, spectra interpolated (resampled_spectrum), the manifest's gains

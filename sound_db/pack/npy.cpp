@@ -51,13 +51,12 @@ std::optional<std::vector<std::size_t>> parse_shape(std::string_view text) {
   return shape;
 }
 
-}  // namespace
-
-tl::expected<Array, std::string> read_npy(const std::filesystem::path& file) {
+template <class Number>
+tl::expected<BasicArray<Number>, std::string> read_array(const std::filesystem::path& file) {
   std::error_code failed;
   const auto length = std::filesystem::file_size(file, failed);
   if (failed) return tl::unexpected(fmt::format("cannot be read ({})", failed.message()));
-  if (length > kMostBytes) return tl::unexpected(fmt::format("{} bytes is too large for a spectrum", length));
+  if (length > kMostBytes) return tl::unexpected(fmt::format("{} bytes is too large", length));
   std::string bytes(length, '\0');
   std::ifstream stream(file, std::ios::binary);
   if (!stream.read(bytes.data(), static_cast<std::streamsize>(length))) return tl::unexpected(std::string("cannot be read"));
@@ -98,22 +97,26 @@ tl::expected<Array, std::string> read_npy(const std::filesystem::path& file) {
   if (bytes.size() - start < count * item) return cut();
   if (bytes.size() - start > count * item) return tl::unexpected(std::string("is longer than its shape says"));
 
-  Array array{*shape, std::vector<float>(count)};
+  BasicArray<Number> array{*shape, std::vector<Number>(count)};
   for (std::size_t i = 0; i < count; ++i) {
     if (single) {
-      std::memcpy(&array.values[i], &bytes[start + i * item], item);
+      float value = 0;
+      std::memcpy(&value, &bytes[start + i * item], item);
+      array.values[i] = value;
     } else {
       double value = 0;
       std::memcpy(&value, &bytes[start + i * item], item);
-      array.values[i] = static_cast<float>(value);
+      array.values[i] = static_cast<Number>(value);
     }
     if (!std::isfinite(array.values[i])) return tl::unexpected(fmt::format("has a value that is not finite at index {}", i));
   }
   return array;
 }
 
-tl::expected<void, std::string> write_npy(const std::filesystem::path& file, std::span<const float> values) {
-  std::string header = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({},), }}", values.size());
+template <class Number>
+tl::expected<void, std::string> write_array(const std::filesystem::path& file, std::span<const Number> values,
+                                            const std::string& shape) {
+  std::string header = fmt::format("{{'descr': '<f{}', 'fortran_order': False, 'shape': ({}), }}", sizeof(Number), shape);
   header.append(63 - (10 + header.size()) % 64, ' ');
   header += '\n';
   std::string bytes(kMagic);
@@ -127,6 +130,30 @@ tl::expected<void, std::string> write_npy(const std::filesystem::path& file, std
   stream.close();
   if (!stream) return tl::unexpected(std::string("cannot be written (disk full, or no permission)"));
   return {};
+}
+
+}  // namespace
+
+tl::expected<Array, std::string> read_npy(const std::filesystem::path& file) {
+  return read_array<float>(file);
+}
+
+tl::expected<BasicArray<double>, std::string> read_npy_double(const std::filesystem::path& file) {
+  return read_array<double>(file);
+}
+
+tl::expected<void, std::string> write_npy(const std::filesystem::path& file, std::span<const float> values) {
+  return write_array(file, values, fmt::format("{},", values.size()));
+}
+
+tl::expected<void, std::string> write_npy_rows(const std::filesystem::path& file, std::span<const float> values,
+                                               std::size_t columns) {
+  return write_array(file, values, fmt::format("{}, {}", values.size() / columns, columns));
+}
+
+tl::expected<void, std::string> write_npy_rows(const std::filesystem::path& file, std::span<const double> values,
+                                               std::size_t columns) {
+  return write_array(file, values, fmt::format("{}, {}", values.size() / columns, columns));
 }
 
 }  // namespace rustle::pack

@@ -12,8 +12,11 @@
 #include <tl/expected.hpp>
 
 /// Sound packs: a folder of `pack.json`, WAV/FLAC units and `.npy` spectra that a sound designer can open, listen to and
-/// replace. A pack is for one sheet material and one touched surface (P6).
+/// replace. A pack is for one sheet material and one touched surface (P6). Packs of paper have crumpling and friction, packs
+/// of cloth have cloth.
 namespace rustle::pack {
+
+struct ClothCorpus;
 
 /// Where a section's sounds were recorded: a sheet at the origin, seen from `distance_m` at `elevation_deg` above the
 /// plane it lies on, or along its normal when there is no plane.
@@ -22,6 +25,7 @@ struct RecordingGeometry {
   double elevation_deg = 90.0;  ///< of the microphone above the plane; 90: on the sheet's axis
   bool plane = false;           ///< a reflecting plane under the sheet
   double compression = 0.0;     ///< of the bent edges: how high the sheet stands above the plane
+  friend bool operator==(const RecordingGeometry&, const RecordingGeometry&) = default;
 };
 
 /// A place in the grid. (0,0): the constrained sounds, clac and flat friction.
@@ -40,6 +44,7 @@ struct Unit {
   std::string file;
   std::vector<float> samples;  ///< mono, at the pack's loaded rate, the manifest's gain applied
   double radius_m = 0;         ///< a_ref of the size factor (a/a_ref)³ (P10); 0: constrained
+  friend bool operator==(const Unit&, const Unit&) = default;
 };
 
 /// One friction spectrum: amplitude per bin, as heard at the recording geometry at the reference speed (P8). A signal of
@@ -51,6 +56,7 @@ struct Spectrum {
   std::vector<float> magnitudes;  ///< [bins]: bin k is k * rate / (2 (bins-1)); white noise of unit variance per sample has
                                   ///< magnitude 1 in every bin
   double radius_m = 0;            ///< a_ref of the size factor (P10); 0: flat
+  friend bool operator==(const Spectrum&, const Spectrum&) = default;
 };
 
 struct CrumplingSection {
@@ -62,6 +68,7 @@ struct CrumplingSection {
   double reference_amplitude_m(const GridPoint& point) const;
   /// Amplitude that a clac (constrained unit) was made for.
   double constrained_reference_amplitude_m = 0.001;
+  friend bool operator==(const CrumplingSection&, const CrumplingSection&) = default;
 };
 
 struct FrictionSection {
@@ -73,21 +80,28 @@ struct FrictionSection {
   double gain_cutoff_hz = 80.0;
   std::vector<Spectrum> spectra;
   std::uint32_t rate_hz = 48000;  ///< of the spectra as loaded: their last bin lies at half of it
+  friend bool operator==(const FrictionSection&, const FrictionSection&) = default;
 };
+
+inline constexpr double kDefaultGrammage_kg_per_m2 = 0.080;  ///< printer paper's: of a pack that names none
 
 struct SoundPack {
   std::string name;
   std::string version;
-  std::string material;         ///< "printer-paper"
-  std::string touched_surface;  ///< "wooden-table"
+  std::string material;                                    ///< "printer-paper"
+  std::string touched_surface;                             ///< "wooden-table"
+  double grammage_kg_per_m2 = kDefaultGrammage_kg_per_m2;  ///< of the material: heavier sheets tear louder (T6)
   std::string licence;
   std::string origin;             ///< "generated" or who recorded it
   std::uint32_t rate_hz = 48000;  ///< of the units as loaded
   std::uint32_t stored_rate_hz = 48000;
   std::optional<CrumplingSection> crumpling;
   std::optional<FrictionSection> friction;
-  std::filesystem::path folder;      ///< where it was loaded from
-  std::vector<std::string> notices;  ///< sections and fields that this version does not know and left alone
+  std::shared_ptr<const ClothCorpus> cloth;  ///< cloth_corpus.h; null: not a pack of cloth
+  std::filesystem::path folder;              ///< where it was loaded from
+  std::vector<std::string> notices;          ///< sections and fields that this version does not know and left alone
+  /// Also by what the corpus holds.
+  friend bool operator==(const SoundPack& a, const SoundPack& b);
 };
 
 }  // namespace rustle::pack

@@ -9,6 +9,8 @@
 
 #include "sound_db/dsp/level.h"
 #include "sound_db/pack/audio_file.h"
+#include "sound_db/pack/cloth_corpus.h"
+#include "sound_db/pack/cloth_write.h"
 #include "sound_db/pack/manifest.h"
 #include "sound_db/pack/npy.h"
 
@@ -52,6 +54,11 @@ tl::expected<void, PackError> write_files(const SoundPack& pack, const fs::path&
       const fs::path file = make_parent(spectrum.file);
       if (const auto done = write_npy(file, spectrum.magnitudes); !done) return failure(file, done.error());
     }
+  }
+  if (pack.cloth) {
+    auto cloth = write_cloth(*pack.cloth, folder);
+    if (!cloth) return tl::unexpected(std::move(cloth.error()));
+    manifest.cloth = std::move(*cloth);
   }
   std::ofstream stream(folder / kManifestName, std::ios::binary);
   stream << manifest_text(manifest);
