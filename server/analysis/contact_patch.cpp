@@ -22,6 +22,7 @@ constexpr int kMostSamplesAlong = 16;
 constexpr double kSampleLengths = 1.5;  ///< of the radius, between samples along the sheet
 constexpr double kParallel = 0.9999;
 constexpr double kPlaneTolerance = 0.03;  ///< of the radius
+constexpr std::size_t kAhead = 12;        ///< triangles or corners by which what they need is called for early
 constexpr double kLevel = 1e-6;           ///< of the radius: a triangle with less height lies level
 
 Vec3d tangential(const Vec3d& velocity_m_per_s, const Vec3d& normal) {
@@ -36,11 +37,11 @@ double ContactWeight::at(double distance_m, double radius_m) const {
   return x <= 0 ? 1.0 : 1 - x * x * (3 - 2 * x);
 }
 
-void ContactGeometry::update(const sheet::MeshFrame& mesh_frame) {
+void ContactGeometry::update(const sheet::MeshFrame& mesh_frame, const Vec3f& origin, std::span<const Vec4f> relative) {
+  assert(relative.size() == mesh_frame.positions_m.size());
   frame = &mesh_frame;
-  origin_m = mesh_frame.positions_m.empty() ? Vec3f(Vec3f::Zero()) : mesh_frame.positions_m.front();
-  const Vec3d origin = origin_m.cast<double>();
-  sheet::relative_positions_m(mesh_frame.positions_m, origin_m, relative_m);
+  origin_m = origin;
+  relative_m = relative;
   bounds_m = Box();
   if (relative_m.empty()) return;
   constexpr std::size_t kAtOnce = 4;  // no choice waits for the one before
@@ -54,8 +55,9 @@ void ContactGeometry::update(const sheet::MeshFrame& mesh_frame) {
   }
   const Eigen::Array4f lowest = low[0].min(low[1]).min(low[2].min(low[3]));
   const Eigen::Array4f highest = high[0].max(high[1]).max(high[2].max(high[3]));
-  bounds_m = Box(Vec3d(origin + lowest.matrix().head<3>().cast<double>()),
-                 Vec3d(origin + highest.matrix().head<3>().cast<double>()));
+  const Vec3d from = origin_m.cast<double>();
+  bounds_m =
+      Box(Vec3d(from + lowest.matrix().head<3>().cast<double>()), Vec3d(from + highest.matrix().head<3>().cast<double>()));
 }
 
 float ContactGeometry::rounding_m() const {
@@ -118,6 +120,8 @@ void ContactMeter::find_corners(const Inputs& in) {
   std::uint32_t count = 0;
   for (std::size_t t = 0; t < patch_.triangles.size(); ++t) {
     const Triangle& v = triangles[patch_.triangles[t]];
+    for (const std::uint32_t soon : triangles[patch_.triangles[std::min(t + kAhead, patch_.triangles.size() - 1)]])
+      __builtin_prefetch(&places_[soon], 1);
     for (std::size_t k = 0; k < 3; ++k) {
       Place& place = places_[v[k]];
       const bool is_new = place.epoch != epoch_;
@@ -145,7 +149,11 @@ void ContactMeter::see_plane(const Inputs& in, const ContactPlane& plane) {
   const auto padded = [](const Vec3d& v) { return Vec4f(v.cast<float>().homogeneous() - Vec4f::UnitW()); };
   const Vec4f normal = padded(n), start = padded(at_origin_m_per_s), x = padded(per_place_per_s.col(0)),
               y = padded(per_place_per_s.col(1)), z = padded(per_place_per_s.col(2));
-  for (Corner& corner : corners_) {
+  for (std::size_t c = 0; c < corners_.size(); ++c) {
+    Corner& corner = corners_[c];
+    const std::uint32_t soon = corners_[std::min(c + kAhead, corners_.size() - 1)].vertex;
+    __builtin_prefetch(&in.geometry.relative_m[soon]);
+    in.velocities.call_for(soon);
     const Vec4f& p = in.geometry.relative_m[corner.vertex];
     corner.distance_m = normal.dot(p) + static_cast<float>(offset_m);
     const auto distance_m = static_cast<double>(corner.distance_m);

@@ -42,11 +42,12 @@ struct Touch {
 /// The frame's geometry, made once for all partners.
 struct ContactGeometry {
   const sheet::MeshFrame* frame = nullptr;
-  sheet::Vec3f origin_m = sheet::Vec3f::Zero();  ///< the first vertex
-  std::vector<Eigen::Vector4f> relative_m;       ///< [V], positions from the origin, 0 last
+  sheet::Vec3f origin_m = sheet::Vec3f::Zero();
+  std::span<const Eigen::Vector4f> relative_m;  ///< [V], positions from the origin, 0 last; they outlive what is asked here
   scene::Box bounds_m;
 
-  void update(const sheet::MeshFrame& mesh_frame);
+  /// \pre sheet::relative_positions_m(mesh_frame.positions_m, origin, relative)
+  void update(const sheet::MeshFrame& mesh_frame, const sheet::Vec3f& origin, std::span<const Eigen::Vector4f> relative);
 
   /// How far off float arithmetic on `relative_m` can be, generously.
   float rounding_m() const;

@@ -50,28 +50,18 @@ double dual_area_m2(const sheet::Topology& topology, std::span<const Vec3f> posi
 
 }  // namespace
 
-std::vector<FrictionContact> ContactTracker::update(const MeshFrame& frame, const MeshFrame* previous_same_topology,
-                                                    const SheetSurroundings& surroundings, double contact_radius_m,
-                                                    std::uint64_t& next_event_id) {
-  assert(frame.topology && frame.positions_m.size() == frame.topology->vertex_count() && contact_radius_m > 0);
-  if (frame.reset_history) {
-    state_.episodes.clear();
-    state_.topology.reset();
-  }
-  const bool has_previous = !frame.reset_history && follows(frame, previous_same_topology);
-  Work work{frame, surroundings, contact_radius_m, 0, has_previous ? previous_same_topology : nullptr, false};
-  if (frame.velocities_m_per_s.empty()) {
-    if (has_previous) {
-      work.over_s = frame.time_s - previous_same_topology->time_s;
-    } else if (state_.topology && frame.time_s > state_.time_s) {
-      work.over_s = frame.time_s - state_.time_s;
-    }
-  }
-  scratch_.geometry.update(frame);
+std::vector<FrictionContact> ContactTracker::update(const ContactInputs& inputs, std::uint64_t& next_event_id) {
+  const MeshFrame& frame = inputs.frame;
+  const MeshFrame* before = frame.reset_history ? nullptr : inputs.before;
+  assert(frame.topology && frame.positions_m.size() == frame.topology->vertex_count() && inputs.radius_m > 0);
+  if (before == nullptr) state_.episodes.clear();
+  Work work{frame, before, inputs.surroundings, inputs.radius_m};
+  if (before != nullptr && frame.velocities_m_per_s.empty()) work.over_s = std::max(0.0, frame.time_s - before->time_s);
+  scratch_.geometry.update(frame, inputs.origin_m, inputs.relative_m);
   scratch_.found.clear();
   update_obstacles(work);
   if (frame.contacts) {
-    add_sent_contacts({frame, surroundings, state_.surfaces, velocities(work), work.over_s, contact_radius_m,
+    add_sent_contacts({frame, inputs.surroundings, state_.surfaces, velocities(work), work.over_s, inputs.radius_m,
                        parameters_.longest_extrapolation_s},
                       scratch_.components, scratch_.found);
   } else if (!scratch_.geometry.bounds_m.isEmpty()) {
@@ -79,26 +69,20 @@ std::vector<FrictionContact> ContactTracker::update(const MeshFrame& frame, cons
     touch_itself(work);
     touch_others(work);
   }
-  keep_identities(frame, contact_radius_m);
-  std::vector<FrictionContact> reported = report(frame, next_event_id);
-  state_.topology = frame.topology;
-  state_.positions_m = frame.positions_m;
-  state_.time_s = frame.time_s;
-  return reported;
+  keep_identities(work);
+  return report(frame, next_event_id);
 }
 
 VertexVelocities ContactTracker::velocities(Work& work) {
   VertexVelocities out;
   if (!work.frame.velocities_m_per_s.empty()) {
     out.sent_m_per_s = work.frame.velocities_m_per_s;
-  } else if (work.previous || (work.over_s > 0 && state_.topology == work.frame.topology)) {
+  } else if (work.over_s > 0 && work.before->topology == work.frame.topology) {
     out.now_m = work.frame.positions_m;
-    out.before_m = work.previous ? work.previous->positions_m : state_.positions_m;
+    out.before_m = work.before->positions_m;
     out.interval_s = work.over_s;
   } else if (work.over_s > 0) {
-    if (!work.located) {
-      locate_velocities(work.frame, *state_.topology, state_.positions_m, work.over_s, scratch_.located_m_per_s);
-    }
+    if (!work.located) locate_velocities(work.frame, *work.before, work.over_s, scratch_.located_m_per_s);
     work.located = true;
     out.located_m_per_s = scratch_.located_m_per_s;
   }
@@ -216,8 +200,8 @@ void ContactTracker::match_vertices() {
 }
 
 /// By what lies within reach of where the episode would have slid.
-void ContactTracker::match_places(const MeshFrame& frame, double reach_m) {
-  const double interval_s = frame.time_s - state_.time_s;
+void ContactTracker::match_places(const MeshFrame& frame, const MeshFrame& before, double reach_m) {
+  const double interval_s = frame.time_s - before.time_s;
   for (std::size_t e = 0; e < state_.episodes.size(); ++e) {
     if (scratch_.taken[e]) continue;
     const Episode& episode = state_.episodes[e];
@@ -229,9 +213,9 @@ void ContactTracker::match_places(const MeshFrame& frame, double reach_m) {
       if (!grid) {
         scratch_.expected_m.clear();
         for (const std::uint32_t v : episode.vertices) {
-          scratch_.expected_m.push_back(state_.positions_m[v].cast<double>() + interval_s * episode.slip_m_per_s);
+          scratch_.expected_m.push_back(before.positions_m[v].cast<double>() + interval_s * episode.slip_m_per_s);
         }
-        const double area_m2 = dual_area_m2(*state_.topology, state_.positions_m, episode.vertices);
+        const double area_m2 = dual_area_m2(*before.topology, before.positions_m, episode.vertices);
         within_m = std::max(reach_m, 1.5 * std::sqrt(area_m2 / static_cast<double>(episode.vertices.size())));
         grid.emplace(scratch_.expected_m, within_m);
       }
@@ -249,12 +233,13 @@ void ContactTracker::match_places(const MeshFrame& frame, double reach_m) {
   assign_overlaps();
 }
 
-void ContactTracker::keep_identities(const MeshFrame& frame, double reach_m) {
+void ContactTracker::keep_identities(const Work& work) {
   scratch_.ids.assign(scratch_.found.size(), kNoId);
   scratch_.taken.assign(state_.episodes.size(), false);
   scratch_.overlaps.clear();
-  if (state_.topology == frame.topology) match_vertices();
-  match_places(frame, reach_m);
+  if (work.before == nullptr) return;
+  if (work.before->topology == work.frame.topology) match_vertices();
+  match_places(work.frame, *work.before, work.radius_m);
 }
 
 bool ContactTracker::lone(const FrictionContact& contact, const MeshFrame& frame) const {

@@ -30,6 +30,16 @@ struct ContactParameters {
   double longest_extrapolation_s = 0.05;  ///< a neighbour sheet's newest frame is moved on by its velocity no longer
 };
 
+/// One frame of a sheet and what is around it.
+struct ContactInputs {
+  const sheet::MeshFrame& frame;
+  const sheet::MeshFrame* before;            ///< of the update before, of whatever topology; null: none, no episode goes on
+  const SheetSurroundings& surroundings;     ///< the scene applies at the frame's time
+  double radius_m;                           ///< of contact, above 0
+  const sheet::Vec3f& origin_m;              ///< near the sheet
+  std::span<const sheet::Vec4f> relative_m;  ///< [V] positions from there: sheet::relative_positions_m
+};
+
 /// Friction events of one sheet (P1): vertices within the contact radius of an obstacle, of another sheet or of another part
 /// of the sheet itself, grouped into components connected along mesh edges, one partner each. Resting ones too, at speed 0.
 ///
@@ -54,13 +64,8 @@ class ContactTracker {
  public:
   explicit ContactTracker(ContactParameters parameters = {}) : parameters_(parameters) {}
 
-  /// `previous_same_topology` may be null (first frame, changed topology, history reset). Frames come in time order. Ids
-  /// are taken from `next_event_id`, which is counted on. \pre contact_radius_m > 0; surroundings.scene applies at the
-  /// frame's time
-  std::vector<observation::FrictionContact> update(const sheet::MeshFrame& frame,
-                                                   const sheet::MeshFrame* previous_same_topology,
-                                                   const SheetSurroundings& surroundings, double contact_radius_m,
-                                                   std::uint64_t& next_event_id);
+  /// Frames come in time order. Ids are taken from `next_event_id`, which is counted on.
+  std::vector<observation::FrictionContact> update(const ContactInputs& inputs, std::uint64_t& next_event_id);
 
   void reset();
 
@@ -84,9 +89,6 @@ class ContactTracker {
 
   struct State {
     std::vector<Episode> episodes;
-    std::shared_ptr<const sheet::Topology> topology;  ///< of the frame before
-    std::vector<sheet::Vec3f> positions_m;            ///< of the frame before
-    double time_s = 0;
     std::map<sheet::ObstacleId, scene::ObstacleSurface> surfaces;
     UnfoldedProof unfolded;
     std::optional<SurfaceDistance> along_surface;
@@ -114,11 +116,11 @@ class ContactTracker {
   /// What one update works on.
   struct Work {
     const sheet::MeshFrame& frame;
+    const sheet::MeshFrame* before;  ///< may be null
     const SheetSurroundings& surroundings;
     double radius_m;
-    double over_s;  ///< the interval that velocities are differenced over, 0: instantaneous
-    const sheet::MeshFrame* previous;
-    bool located;  ///< velocities across a change of topology have been made
+    double over_s = 0;     ///< the interval that velocities are differenced over, 0: instantaneous
+    bool located = false;  ///< velocities across a change of topology have been made
   };
 
   VertexVelocities velocities(Work& work);
@@ -126,9 +128,9 @@ class ContactTracker {
   void touch_obstacles(Work& work);
   void touch_itself(Work& work);
   void touch_others(Work& work);
-  void keep_identities(const sheet::MeshFrame& frame, double reach_m);
+  void keep_identities(const Work& work);
   void match_vertices();
-  void match_places(const sheet::MeshFrame& frame, double reach_m);
+  void match_places(const sheet::MeshFrame& frame, const sheet::MeshFrame& before, double reach_m);
   void assign_overlaps();
   bool lone(const observation::FrictionContact& contact, const sheet::MeshFrame& frame) const;
   std::vector<observation::FrictionContact> report(const sheet::MeshFrame& frame, std::uint64_t& next_event_id);

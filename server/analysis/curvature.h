@@ -5,7 +5,9 @@
 #include <span>
 #include <vector>
 
+#include "server/analysis/kernel_blocks.h"
 #include "server/analysis/parameters.h"
+#include "server/analysis/plane_lattice.h"
 #include "server/analysis/stencil.h"
 
 namespace rustle::analysis {
@@ -22,9 +24,11 @@ struct CurvatureStencils {
   std::vector<double> radius_m;       ///< [V] within which hinges count
   MomentNodes nodes;
   std::vector<float> node_area_m2;     ///< [N] hinge areas
-  Stencil rows;                        ///< nodes to vertices,
-  std::vector<std::uint32_t> targets;  ///< [V] the vertex of each row
-  std::vector<Moment> response;        ///< [V] to a row's sum: (½, 0, ½)(Kᵀ W K)⁻¹ for H, and 1/(2 area) for K
+  Stencil rows;                        ///< nodes to vertices; empty where blocks serve
+  KernelBlocks blocks;                 ///< the same of a fine mesh; else empty
+  PlaneLattice lattice;                ///< where the targets are its points, not the vertices; else empty
+  std::vector<std::uint32_t> targets;  ///< [V] the vertex of each row, or [V or P] in the order of the blocks
+  std::vector<Moment> response;  ///< [V or P] to a target's sum: (½, 0, ½)(Kᵀ W K)⁻¹ for H, and 1/(2 area) for K
   std::vector<std::uint32_t> neighbour_start, neighbour;  ///< vertices joined by an edge
 };
 
@@ -33,9 +37,10 @@ struct CurvatureStencils {
 
 /// One frame's H, in 1/m, positive where the sheet bends toward its normals (a dome seen from their side), and K.
 struct Curvature {
-  std::vector<float> mean_per_m;     ///< [V] H
-  std::vector<float> bending_per_m;  ///< [V] K
-  std::vector<Moment> moments;       ///< scratch
+  std::vector<float> mean_per_m;                                       ///< [V] H
+  std::vector<float> bending_per_m;                                    ///< [V] K
+  std::vector<Moment> moments;                                         ///< scratch
+  std::vector<float> mean_at_lattice_per_m, bending_at_lattice_per_m;  ///< scratch
 };
 
 /// Allocates nothing once `out` has its size. O(hinges + rows). \pre angles_rad: of stencils.hinges

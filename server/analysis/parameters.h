@@ -46,6 +46,8 @@ struct Parameters {
   double sliding_m_per_s = 0.001;  ///< slower contacts rest: no resonators are sought for them
 
   double tear_memory_s = 0.25;  ///< a tear tip absent for longer is a new one
+
+  bool operator==(const Parameters&) const = default;
 };
 
 }  // namespace rustle::analysis

@@ -6,6 +6,7 @@
 
 #include <Eigen/Geometry>
 
+#include "server/analysis/plane_order.h"
 #include "server/analysis/regions.h"
 
 namespace rustle::analysis {
@@ -16,8 +17,8 @@ using sheet::Vec2d;
 
 // The marginal of (1-(d/r)²)² at its centre is 3.2/(π r): with r = 3.2/π · width a sharp fold of angle a peaks at a / width.
 constexpr double kRidgeRadiusPerWidth = 3.2 / std::numbers::pi;
-constexpr double kCellsPerRadius = 5.25;  // nodes of the tensor fit: the cells of those of H
-constexpr double kNearRadius = 0.62;      // of the tensor's
+constexpr double kCellsPerRadius = 4.5;  // nodes of the tensor fit: the cells of those of H
+constexpr double kNearRadius = 0.62;     // of the tensor's
 constexpr double kGradedRatio = 2.5;
 
 bool is_graded(std::vector<double> lengths) {
@@ -100,38 +101,12 @@ void prepare_ridges(RegionStencils& out, const Parameters& parameters) {
     out.node_ridge_share.push_back(static_cast<float>(widest / std::max(area, 1e-30)));
 }
 
-/// Place along the Hilbert curve of 2^16 by 2^16 cells.
-std::uint64_t hilbert_place(std::uint32_t x, std::uint32_t y) {
-  std::uint64_t place = 0;
-  for (std::uint32_t half = 1u << 15; half > 0; half /= 2) {
-    const std::uint32_t right = (x & half) != 0, upper = (y & half) != 0;
-    place = 4 * place + ((3 * right) ^ upper);
-    if (upper) continue;
-    if (right) x = ~x, y = ~y;
-    std::swap(x, y);
-  }
-  return place;
-}
-
 void order_triangles(RegionStencils& out) {
+  PlanePoints centres{out.centres_m, {}};
+  for (const Triangle& t : out.topology->triangles()) centres.component.push_back(out.plane.component[t[0]]);
+  out.order = along_hilbert_curve(centres);
   Eigen::AlignedBox2d box;
   for (const Vec2d& centre : out.centres_m) box.extend(centre);
-  const double cells_per_m = 65535 / std::max(box.isEmpty() ? 0.0 : box.sizes().maxCoeff(), 1e-12);
-  struct Place {
-    std::uint32_t component;
-    std::uint64_t along;
-    std::uint32_t triangle;
-  };
-  std::vector<Place> places;
-  for (std::uint32_t f = 0; f < out.centres_m.size(); ++f) {
-    const Vec2d cell = (out.centres_m[f] - box.min()) * cells_per_m;
-    places.push_back({out.plane.component[out.topology->triangles()[f][0]],
-                      hilbert_place(static_cast<std::uint32_t>(cell.x()), static_cast<std::uint32_t>(cell.y())), f});
-  }
-  std::sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
-    return std::tie(a.component, a.along, a.triangle) < std::tie(b.component, b.along, b.triangle);
-  });
-  for (const Place& place : places) out.order.push_back(place.triangle);
   const Vec2d middle_m = box.isEmpty() ? Vec2d(Vec2d::Zero()) : box.center();
   for (const Vec2d& x : out.plane.coordinates_m) out.rest_m.push_back((x - middle_m).cast<float>());
 }

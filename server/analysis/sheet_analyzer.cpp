@@ -11,6 +11,7 @@
 
 #include "server/analysis/resonators.h"
 #include "server/analysis/rigid_motion.h"
+#include "server/analysis/shared_stencils.h"
 #include "server/sheet/simd.h"
 #include "server/sheet/transfer.h"
 
@@ -25,6 +26,7 @@ using sheet::Vec4f;
 
 constexpr int kUnidentifiedFrames = 3;  // in a row: a single cut or repair is no matter
 constexpr double kLongestUnit_s = 1.0;  // a crumpling unit sounds no longer after its event
+constexpr double kSameEvent = 2;        // a continuation beyond so many times its event's amplitude is measured by itself
 
 /// How much a moment may change for a partition to serve on.
 struct BendingChange {
@@ -89,6 +91,30 @@ void number_resonators(const std::vector<observation::FrictionContact>& contacts
   }
 }
 
+/// Keeps the greatest events, in their order, which become greater by what the others had. Returns how many went.
+/// \pre most > 0
+std::size_t join_to_greatest(std::vector<observation::CrumplingEvent>& events, std::size_t most) {
+  if (events.size() <= most) return 0;
+  const auto squares_m2 = [&] {
+    return std::accumulate(events.begin(), events.end(), 0.0,
+                           [](double sum, const auto& event) { return sum + event.amplitude_m * event.amplitude_m; });
+  };
+  std::vector<std::size_t> by_amplitude(events.size());
+  std::iota(by_amplitude.begin(), by_amplitude.end(), std::size_t{0});
+  std::stable_sort(by_amplitude.begin(), by_amplitude.end(),
+                   [&](std::size_t a, std::size_t b) { return events[a].amplitude_m > events[b].amplitude_m; });
+  std::sort(by_amplitude.begin(), by_amplitude.begin() + static_cast<std::ptrdiff_t>(most));
+  const double all_m2 = squares_m2();
+  const std::size_t joined = events.size() - most;
+  for (std::size_t k = 0; k < most; ++k) {
+    if (by_amplitude[k] != k) events[k] = std::move(events[by_amplitude[k]]);
+  }
+  events.resize(most);
+  const double kept_m2 = squares_m2();
+  for (auto& event : events) event.amplitude_m *= kept_m2 > 0 ? std::sqrt(all_m2 / kept_m2) : 1;
+  return joined;
+}
+
 bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology) {
   return partition.triangle_regions.size() == topology.triangle_count() && topology.triangle_count() > 0;
 }
@@ -107,6 +133,21 @@ std::uint32_t nearest_triangle(const RegionStencils& stencils, std::span<const V
   return best;
 }
 
+/// The triangles around the corner nearest to the point of the triangle nearest to it.
+void triangles_at(const RegionStencils& stencils, std::span<const Vec4f> positions_m, const Vec3d& point_m,
+                  std::vector<std::uint32_t>& out) {
+  out.clear();
+  const std::uint32_t f = nearest_triangle(stencils, positions_m, point_m);
+  if (f == sheet::kNone) return;
+  const sheet::Triangle& corners = stencils.topology->triangles()[f];
+  const std::uint32_t v = *std::min_element(corners.begin(), corners.end(), [&](std::uint32_t a, std::uint32_t b) {
+    const Vec3f point = point_m.cast<float>();
+    return (positions_m[a].head<3>() - point).squaredNorm() < (positions_m[b].head<3>() - point).squaredNorm();
+  });
+  for (std::uint32_t k = stencils.triangle_start[v]; k < stencils.triangle_start[v + 1]; ++k)
+    out.push_back(stencils.triangles_around[k]);
+}
+
 std::vector<Vec3f> carried(const sheet::Transfer& transfer, const std::vector<Vec3f>& values) {
   std::vector<Vec3f> out(transfer.origins.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
@@ -123,14 +164,16 @@ SheetAnalyzer::SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters)
     : sheet_(sheet), parameters_(parameters), finder_(parameters), bent_finder_(parameters) {}
 
 Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings,
-                                   std::uint64_t& next_event_id) {
+                                   std::uint64_t& next_event_id, const Effort& effort) {
   assert(frame.topology != nullptr && frame.positions_m.size() == frame.topology->vertex_count());
   if (frame.reset_history || (state_.last && frame.time_s < state_.last->time_s)) forget();
   Observation out;
   out.sheet = sheet_;
   out.time_s = frame.time_s;
+  out.topology = frame.topology;
   out.previous_time_s = state_.last ? state_.last->time_s : frame.time_s;
 
+  const std::shared_ptr<const sheet::Topology> before = state_.curvature ? state_.curvature->topology : nullptr;
   const std::optional<Arrival> arrival = follow_topology(frame);
   const CurvatureStencils& curvature = *state_.curvature;
   const Vec3f near_m = sheet::mean_position_m(frame.positions_m);
@@ -142,33 +185,40 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
                                scratch_.angles_rad,
                                frame.positions_m,
                                frame.velocities_m_per_s,
-                               state_.last_positions_m,
+                               last_positions_m(),
                                frame.time_s,
                                arrival ? &arrival->remade : nullptr,
                                arrival && arrival->silent};
   out.crumpling = find_crumpling(inputs, parameters_, state_.crumpling, next_event_id);
+  out.events_joined = join_to_greatest(out.crumpling, effort.most_events);
   state_.unidentified_frames = arrival && arrival->unidentified ? state_.unidentified_frames + 1 : 0;
   out.unidentified = state_.unidentified_frames >= kUnidentifiedFrames;
   const BendingInputs bending{state_.patches,      curvature, state_.crumpling.curvature_per_m,
                               scratch_.relative_m, origin_m,  arrival.has_value()};
   find_bending(bending, state_.bending, out.bending);
   if (!out.crumpling.empty() || !out.bending.empty()) state_.crumpled_s = frame.time_s;
-  if (frame.time_s - state_.crumpled_s < kLongestUnit_s && state_.last_positions_m.size() == frame.positions_m.size())
-    out.motion = nearest_rigid_motion(state_.last_positions_m, frame.positions_m);
+  if (frame.time_s - state_.crumpled_s < kLongestUnit_s && last_positions_m().size() == frame.positions_m.size())
+    out.motion = nearest_rigid_motion(last_positions_m(), frame.positions_m);
 
-  const bool comparable = state_.last && !arrival && state_.last->positions_m.size() == frame.positions_m.size();
-  if (comparable) state_.last->topology = frame.topology;
-  out.friction = contacts_.update(frame, comparable ? &*state_.last : nullptr, surroundings, parameters_.contact_radius_m,
+  out.tears = tears_of(frame, before.get(), arrival, next_event_id);
+  if (state_.last_applies) state_.last->topology = frame.topology;
+  out.friction = contacts_.update({frame, state_.last ? &*state_.last : nullptr, surroundings, parameters_.contact_radius_m,
+                                   near_m, scratch_.relative_m},
                                   next_event_id);
-  out.tears = sent_tears(frame, next_event_id);
 
-  const bool sounds = !out.crumpling.empty() || !out.tears.empty() ||
+  const bool tears = std::any_of(out.tears.begin(), out.tears.end(), [](const auto& t) { return t.speed_m_per_s > 0; });
+  const bool begins = !all_ring_on(out) || tears ||
                       std::any_of(out.friction.begin(), out.friction.end(),
                                   [&](const auto& contact) { return contact.speed_m_per_s > parameters_.sliding_m_per_s; });
   remember_bending(frame.time_s);
-  if (sounds) find_resonators(frame, origin_m, out);
+  if (begins) find_resonators(frame, origin_m, effort, out);
   remember(frame);
   return out;
+}
+
+std::span<const Vec3f> SheetAnalyzer::last_positions_m() const {
+  if (state_.last_applies) return state_.last->positions_m;
+  return state_.carried_m;
 }
 
 void SheetAnalyzer::forget() {
@@ -177,15 +227,19 @@ void SheetAnalyzer::forget() {
   state_.region_history = {};
   state_.partition_moments.clear();
   state_.last.reset();
-  state_.last_positions_m.clear();
-  state_.earlier_positions_m.clear();
+  state_.last_applies = false;
+  state_.earlier_m.clear();
   state_.bent.clear();
-  state_.tips.clear();
+  state_.rung.clear();
+  state_.sent_tips.clear();
+  state_.sends_tips = false;
+  state_.tears = {};
   state_.crumpled_s = -std::numeric_limits<double>::infinity();
   contacts_.reset();
 }
 
 std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet::MeshFrame& frame) {
+  if (state_.last_applies && state_.last->topology == frame.topology) return std::nullopt;
   if (state_.curvature && sheet::same_structure(*state_.curvature->topology, *frame.topology)) return std::nullopt;
   std::optional<sheet::Transfer> transfer;
   Arrival arrival;
@@ -202,12 +256,11 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
         transfer = sheet::transfer_by_position(from, from.rest_positions_m(), to, to.rest_positions_m());
       }
       if (!transfer) {
-        std::vector<Vec3f> expected = state_.last_positions_m;
+        std::vector<Vec3f> expected = state_.last->positions_m;
         const double step = state_.last->time_s - state_.earlier_s;
-        if (!state_.earlier_positions_m.empty() && step > 0) {
+        if (!state_.earlier_m.empty() && step > 0) {
           const auto share = static_cast<float>((frame.time_s - state_.last->time_s) / step);
-          for (std::size_t i = 0; i < expected.size(); ++i)
-            expected[i] += share * (expected[i] - state_.earlier_positions_m[i]);
+          for (std::size_t i = 0; i < expected.size(); ++i) expected[i] += share * (expected[i] - state_.earlier_m[i]);
         }
         transfer = sheet::transfer_by_position(from, expected, to, frame.positions_m);
       }
@@ -227,49 +280,69 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
   }
   arrival.unidentified = arrival.silent && !whole;
   state_.patches = bending_patches(*frame.topology, plane);
-  state_.curvature = curvature_stencils(frame.topology, std::move(plane), parameters_);
+  state_.curvature = shared_curvature_stencils(frame.topology, std::move(plane), parameters_);
   state_.regions.reset();
   state_.sent_regions.reset();
   state_.region_history = {};
   state_.partition_moments.clear();
   state_.bent.clear();
-  state_.earlier_positions_m.clear();
+  state_.earlier_m.clear();
+  state_.last_applies = false;
   if (!transfer) {
     state_.crumpling.primed = false;
-    state_.last_positions_m.clear();
     return has_history ? std::optional<Arrival>(std::move(arrival)) : std::nullopt;
   }
   carry(*transfer, parameters_, state_.crumpling);
-  state_.last_positions_m = carried(*transfer, state_.last_positions_m);
+  state_.carried_m = carried(*transfer, state_.last->positions_m);
   arrival.remade = std::move(transfer->remade);
   return arrival;
 }
 
+bool SheetAnalyzer::all_ring_on(Observation& observation) {
+  std::erase_if(state_.rung,
+                [&](const auto& known) { return observation.time_s - known.second->time_s >= parameters_.event_merge_s; });
+  bool all = true;
+  for (auto& event : observation.crumpling) {
+    const auto before = state_.rung.find(event.continues);
+    if (before == state_.rung.end() || event.amplitude_m > kSameEvent * before->second->amplitude_m) {
+      all = false;
+      continue;
+    }
+    event.resonators = before->second->resonators;
+    state_.rung[event.id] = before->second;
+  }
+  return all;
+}
+
 /// Whether the last partition is still that of the sheet as it is now bent. Where regions end is settled by the directions
 /// of bending and by its size beside that nearby: where it merely grows or shrinks somewhat, regions stay.
-bool SheetAnalyzer::partition_serves(double time_s) const {
+bool SheetAnalyzer::partition_serves(double time_s, const Effort& effort) const {
   const auto &then = state_.partition_moments, &now = state_.crumpling.now.moments;
-  if (then.size() != now.size() || time_s - state_.partition_s > parameters_.partition_age_s) return false;
+  if (then.size() != now.size()) return false;
+  const double age_s = time_s - state_.partition_s;
+  if (age_s < effort.partition_serves_s) return true;
+  if (age_s > parameters_.partition_age_s) return false;
   const BendingChange allowed{static_cast<float>(parameters_.partition_change_per_m),
                               static_cast<float>(parameters_.partition_change_relative),
                               static_cast<float>(parameters_.partition_growth)};
   return bent_alike(then.data(), now.data(), state_.curvature->node_area_m2.data(), now.size(), allowed);
 }
 
-void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& origin_m, Observation& observation) {
+void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& origin_m, const Effort& effort,
+                                    Observation& observation) {
   const sheet::SentPartition* sent =
       frame.partition && usable(*frame.partition, *frame.topology) ? &*frame.partition : nullptr;
-  std::optional<RegionMesh>& mesh = sent != nullptr ? state_.sent_regions : state_.regions;
-  if (!mesh) mesh = region_mesh(state_.curvature->topology, state_.curvature->plane, parameters_, sent == nullptr);
+  std::shared_ptr<const RegionMesh>& mesh = sent != nullptr ? state_.sent_regions : state_.regions;
+  if (!mesh) mesh = shared_region_mesh(state_.curvature->topology, state_.curvature->plane, parameters_, sent == nullptr);
   const RegionStencils& stencils = mesh->stencils;
   Scratch& scratch = scratch_;
-  const std::span<const Vec4f> positions_m = mesh->positions_m(scratch.relative_m, scratch.positions_m);
+  const std::span<const Vec4f> positions_m = mesh->positions_m(state_.bent.back().relative_m, scratch.positions_m);
   RegionFrame here{positions_m, {}};
   if (!mesh->proxy && state_.curvature->in_edge_order) {
     here.angles_rad = scratch.angles_rad;
     if (stencils.nodes.of_vertex == state_.curvature->nodes.of_vertex) here.moments = state_.crumpling.now.moments;
   }
-  const bool same_map = sent == nullptr && partition_serves(frame.time_s);
+  const bool same_map = sent == nullptr && partition_serves(frame.time_s, effort);
   if (sent != nullptr) {
     adopt_partition(*sent, stencils, here, parameters_, scratch.regions, scratch.map);
     state_.partition_moments.clear();
@@ -305,6 +378,7 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
       event.resonators = bent_finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndHolds);
     }
     if (event.resonators.empty()) event.resonators.push_back(constrained_at(event.position_m, event.area_m2));
+    state_.rung[event.id] = std::make_shared<const Rung>(Rung{frame.time_s, event.amplitude_m, event.resonators});
   }
   for (auto& contact : observation.friction) {
     if (contact.speed_m_per_s <= parameters_.sliding_m_per_s) continue;
@@ -314,10 +388,13 @@ void SheetAnalyzer::find_resonators(const sheet::MeshFrame& frame, const Vec3d& 
     if (contact.resonators.empty()) contact.resonators.push_back(constrained_at(contact.position_m, contact.area_m2));
   }
   for (auto& tear : observation.tears) {
-    const std::uint32_t triangle = nearest_triangle(stencils, positions_m, tear.position_m - origin_m);
-    if (triangle != sheet::kNone) {
-      tear.resonators = finder_.reached_from(std::span(&triangle, 1), ResonatorFinder::StopAt::kRidgesAndHolds);
+    if (tear.speed_m_per_s <= 0) continue;
+    if (tear.vertex != sheet::kNone) {
+      mesh->gather_triangles(std::span(&tear.vertex, 1), scratch.marks, scratch.triangles);
+    } else {
+      triangles_at(stencils, positions_m, tear.position_m - origin_m, scratch.triangles);
     }
+    tear.resonators = finder_.reached_from(scratch.triangles, ResonatorFinder::StopAt::kRidgesAndHolds);
     if (tear.resonators.empty()) tear.resonators.push_back(constrained_at(tear.position_m, 0));
   }
 }
@@ -333,39 +410,19 @@ void SheetAnalyzer::remember_bending(double time_s) {
   };
   while (!bent.empty() && bent.front().time_s < time_s - parameters_.flip_memory_s) let_go(bent.begin());
   while (!bent.empty() && bent.back().bending_per_m <= bending_per_m) let_go(bent.end() - 1);
-  if (scratch_.spare_m.empty()) scratch_.spare_m.emplace_back();
-  scratch_.spare_m.back().assign(scratch_.relative_m.begin(), scratch_.relative_m.end());
-  bent.push_back({time_s, bending_per_m, std::move(scratch_.spare_m.back())});
+  bent.push_back({time_s, bending_per_m, std::move(scratch_.relative_m)});
+  scratch_.relative_m.clear();
+  if (scratch_.spare_m.empty()) return;
+  scratch_.relative_m.swap(scratch_.spare_m.back());
   scratch_.spare_m.pop_back();
 }
 
-std::vector<observation::TearEvent> SheetAnalyzer::sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id) {
-  std::vector<observation::TearEvent> out;
-  for (const sheet::SentTearTip& tip : frame.tear_tips) {
-    auto [known, is_new] = state_.tips.try_emplace(tip.tip_id, TearTip{0, frame.time_s});
-    if (is_new) known->second.id = next_event_id++;
-    known->second.seen_s = frame.time_s;
-    observation::TearEvent event;
-    event.id = known->second.id;
-    event.speed_m_per_s = static_cast<double>(tip.speed_m_per_s);
-    event.position_m = tip.position_m.cast<double>();
-    if (tip.direction) event.direction = tip.direction->cast<double>();
-    event.source = observation::Source::kSent;
-    out.push_back(std::move(event));
-  }
-  std::erase_if(state_.tips, [&](const auto& tip) { return tip.second.seen_s < frame.time_s - parameters_.tear_memory_s; });
-  return out;
-}
-
 void SheetAnalyzer::remember(const sheet::MeshFrame& frame) {
-  if (state_.last_positions_m.size() == frame.positions_m.size() && state_.last) {
-    state_.earlier_positions_m.swap(state_.last_positions_m);
-    state_.earlier_s = state_.last->time_s;
-  } else {
-    state_.earlier_positions_m.clear();
-  }
-  state_.last_positions_m = frame.positions_m;
+  state_.earlier_m.swap(state_.last_applies ? state_.last->positions_m : state_.carried_m);
+  if (state_.last) state_.earlier_s = state_.last->time_s;
+  state_.carried_m.clear();
   state_.last = frame;
+  state_.last_applies = true;
 }
 
 RegionPicture picture_regions(const sheet::MeshFrame& frame, const Parameters& parameters,

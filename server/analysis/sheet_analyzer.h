@@ -12,11 +12,13 @@
 #include "server/analysis/contacts.h"
 #include "server/analysis/crumpling.h"
 #include "server/analysis/curvature.h"
+#include "server/analysis/effort.h"
 #include "server/analysis/parameters.h"
 #include "server/analysis/region_mesh.h"
 #include "server/analysis/regions.h"
 #include "server/analysis/resonators.h"
 #include "server/analysis/surroundings.h"
+#include "server/analysis/tears.h"
 #include "server/observation/observation.h"
 #include "server/sheet/mesh_frame.h"
 
@@ -35,18 +37,20 @@ class SheetAnalyzer {
  public:
   SheetAnalyzer(sheet::SheetId sheet, const Parameters& parameters);
 
-  /// Crumpling, friction (every contact; resonators for those that slide) and the tear tips sent with the frame.
+  /// Crumpling, friction (every contact; resonators for those that slide) and tear tips: those sent with the frame; of a
+  /// sheet with which none were ever sent, those that its mesh shows.
   /// Event ids are drawn from `next_event_id`. A frame that goes back in time resets the history, as `reset_history` does.
   /// \pre the frame has the sizes its topology says, all finite  [analysis worker]
   [[nodiscard]] observation::Observation analyze(const sheet::MeshFrame& frame, const SheetSurroundings& surroundings,
-                                                 std::uint64_t& next_event_id);
+                                                 std::uint64_t& next_event_id, const Effort& effort = {});
 
   [[nodiscard]] const TopologyChanges& topology_changes() const { return changes_; }  // [analysis worker]
 
  private:
-  struct TearTip {
+  struct SentTip {
     std::uint64_t id;
     double seen_s;
+    double torn_m;
   };
   /// The sheet as it was, for the regions that a flip needs: at its own moment it is flat.
   struct BentShape {
@@ -54,28 +58,38 @@ class SheetAnalyzer {
     double bending_per_m;                  ///< mean |H|
     std::vector<sheet::Vec4f> relative_m;  ///< [V]
   };
+  /// The resonators of an event, which what continues it at once has, too.
+  struct Rung {
+    double time_s;
+    double amplitude_m;
+    std::vector<observation::Resonator> resonators;
+  };
   struct State {
-    std::optional<CurvatureStencils> curvature;
+    std::shared_ptr<const CurvatureStencils> curvature;
     CrumplingState crumpling;
     BendingPatches patches;  ///< of the topology of `curvature`
     BendingState bending;
-    std::optional<RegionMesh> regions;       ///< made when first needed
-    std::optional<RegionMesh> sent_regions;  ///< of the sheet's own triangles, for a sent partition
+    std::shared_ptr<const RegionMesh> regions;       ///< made when first needed
+    std::shared_ptr<const RegionMesh> sent_regions;  ///< of the sheet's own triangles, for a sent partition
     RegionState region_history;
     std::vector<Moment> partition_moments;  ///< of the frame that scratch_.map was made of; empty: it may not serve again
     double partition_s = 0;                 ///< time of that frame
     std::optional<sheet::MeshFrame> last;
-    std::vector<sheet::Vec3f> last_positions_m;     ///< of `last`, at the vertices of the present topology
-    std::vector<sheet::Vec3f> earlier_positions_m;  ///< of the frame before `last`, same vertices, or empty
+    bool last_applies = false;            ///< its vertices are those of the present topology
+    std::vector<sheet::Vec3f> carried_m;  ///< its positions at the vertices of a topology just met, or empty
+    std::vector<sheet::Vec3f> earlier_m;  ///< positions of the frame before it at the present vertices, or empty
     double earlier_s = 0;
-    std::vector<BentShape> bent;  ///< of the flip memory, each more bent than those after it
-    std::map<std::uint32_t, TearTip> tips;
+    std::vector<BentShape> bent;  ///< of the flip memory, each more bent than those after it; the last is the present one
+    std::map<std::uint64_t, std::shared_ptr<const Rung>> rung;  ///< by event
+    std::map<std::uint32_t, SentTip> sent_tips;
+    bool sends_tips = false;  ///< they come with frames: the mesh is not asked
+    TearState tears;
     int unidentified_frames = 0;                                   ///< in a row, this one included
     double crumpled_s = -std::numeric_limits<double>::infinity();  ///< when it last did
   };
   /// Kept so that a warm frame allocates nothing.
   struct Scratch {
-    std::vector<sheet::Vec4f> relative_m;  ///< [V] of the frame
+    std::vector<sheet::Vec4f> relative_m;  ///< [V] of the frame, until it is remembered
     std::vector<float> angles_rad;         ///< [E]
     RegionScratch regions;
     std::vector<sheet::Vec4f> positions_m, bent_positions_m;  ///< gathered for a coarse region mesh
@@ -87,6 +101,8 @@ class SheetAnalyzer {
   };
 
   void forget();
+  /// Positions of the frame before at the vertices of the present topology; empty where they are not known.
+  std::span<const sheet::Vec3f> last_positions_m() const;
   /// Brings the state to the frame's topology. Returns the vertices that are new to the history.
   struct Arrival {
     std::vector<bool> remade;
@@ -94,9 +110,16 @@ class SheetAnalyzer {
     bool unidentified = false;  ///< remade vertices without material coordinates
   };
   std::optional<Arrival> follow_topology(const sheet::MeshFrame& frame);
-  bool partition_serves(double time_s) const;
-  void find_resonators(const sheet::MeshFrame& frame, const sheet::Vec3d& origin_m, observation::Observation& observation);
+  /// Gives events that continue what was measured within the joining time (P2) the resonators of that. Whether all of them
+  /// have theirs then.
+  bool all_ring_on(observation::Observation& observation);
+  bool partition_serves(double time_s, const Effort& effort) const;
+  void find_resonators(const sheet::MeshFrame& frame, const sheet::Vec3d& origin_m, const Effort& effort,
+                       observation::Observation& observation);
   void remember_bending(double time_s);
+  /// `before`: the topology that `arrival` replaced.
+  std::vector<observation::TearEvent> tears_of(const sheet::MeshFrame& frame, const sheet::Topology* before,
+                                               const std::optional<Arrival>& arrival, std::uint64_t& next_event_id);
   std::vector<observation::TearEvent> sent_tears(const sheet::MeshFrame& frame, std::uint64_t& next_event_id);
   void remember(const sheet::MeshFrame& frame);
 

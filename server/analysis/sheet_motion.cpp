@@ -58,14 +58,14 @@ bool follows(const sheet::MeshFrame& frame, const sheet::MeshFrame* previous) {
          previous->topology == frame.topology;
 }
 
-void locate_velocities(const sheet::MeshFrame& frame, const Topology& before, std::span<const Vec3f> before_m,
-                       double interval_s, std::vector<std::optional<Vec3d>>& out_m_per_s) {
+void locate_velocities(const sheet::MeshFrame& frame, const sheet::MeshFrame& before, double interval_s,
+                       std::vector<std::optional<Vec3d>>& out_m_per_s) {
   const auto material = frame.topology->material_coordinates_m();
   out_m_per_s.assign(frame.positions_m.size(), std::nullopt);
-  if (material.empty() || before.material_coordinates_m().empty()) return;
-  const MaterialLocator locator(before);
+  if (material.empty() || before.topology->material_coordinates_m().empty()) return;
+  const MaterialLocator locator(*before.topology);
   for (std::size_t i = 0; i < material.size(); ++i) {
-    const auto place_m = locator.find(material[i], before_m);
+    const auto place_m = locator.find(material[i], before.positions_m);
     if (place_m) out_m_per_s[i] = (frame.positions_m[i].cast<double>() - *place_m) / interval_s;
   }
 }

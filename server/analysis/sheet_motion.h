@@ -22,6 +22,11 @@ struct VertexVelocities {
   bool any() const { return !sent_m_per_s.empty() || !now_m.empty() || !located_m_per_s.empty(); }
   bool known(std::uint32_t vertex) const { return located_m_per_s.empty() ? any() : located_m_per_s[vertex].has_value(); }
   /// \pre known(vertex)
+  /// Has what at() reads brought to the nearest cache.
+  void call_for(std::uint32_t vertex) const {
+    if (!sent_m_per_s.empty()) __builtin_prefetch(&sent_m_per_s[vertex]);
+    if (!now_m.empty()) __builtin_prefetch(&now_m[vertex]), __builtin_prefetch(&before_m[vertex]);
+  }
   sheet::Vec3d at(std::uint32_t vertex) const {
     if (!sent_m_per_s.empty()) return sent_m_per_s[vertex].cast<double>();
     if (!located_m_per_s.empty()) return *located_m_per_s[vertex];
@@ -34,7 +39,7 @@ bool follows(const sheet::MeshFrame& frame, const sheet::MeshFrame* previous);
 
 /// Velocities across a change of topology, by the place of the same material point in the mesh before; unknown where it lay
 /// outside. [V], all unknown when a topology has no material coordinates. O(T + V).
-void locate_velocities(const sheet::MeshFrame& frame, const sheet::Topology& before, std::span<const sheet::Vec3f> before_m,
-                       double interval_s, std::vector<std::optional<sheet::Vec3d>>& out_m_per_s);
+void locate_velocities(const sheet::MeshFrame& frame, const sheet::MeshFrame& before, double interval_s,
+                       std::vector<std::optional<sheet::Vec3d>>& out_m_per_s);
 
 }  // namespace rustle::analysis

@@ -18,6 +18,7 @@ using sheet::Vec3d;
 using sheet::Vec4f;
 
 constexpr float kLeastCosine = 0.1f;
+constexpr int kUnkept = 15;  // proofs that are not kept after one that served no further frame: the sheet moves too fast
 
 double cross(const Vec2d& a, const Vec2d& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -119,12 +120,20 @@ bool UnfoldedProof::holds(const ContactGeometry& geometry) {
     topology_ = geometry.frame->topology;
     connected_ = in_one_piece(*topology_);
     margin_m_ = 0;
+    unkept_ = 0;
   }
-  return connected_ && (still_stands(geometry) || prove(geometry));
+  if (!connected_) return false;
+  if (margin_m_ > 0) {
+    if (still_stands(geometry)) {
+      served_ = true;
+      return true;
+    }
+    if (!served_) unkept_ = kUnkept;
+  }
+  return prove(geometry);
 }
 
 bool UnfoldedProof::still_stands(const ContactGeometry& geometry) const {
-  if (!(margin_m_ > 0)) return false;
   return largest_squared_distance(geometry.relative_m.data(), proven_m_.data(), proven_m_.size()) < margin_m_ * margin_m_;
 }
 
@@ -138,7 +147,9 @@ bool UnfoldedProof::prove(const ContactGeometry& geometry) {
   const float star_m = star_margin_m(geometry, axis);
   if (!(star_m > 0)) return !border_crosses_itself(geometry, axis);
   margin_m_ = std::min(normals.margin_m, star_m) - geometry.rounding_m();
-  if (margin_m_ > 0) proven_m_ = geometry.relative_m;
+  if (unkept_ > 0) --unkept_, margin_m_ = 0;
+  if (margin_m_ > 0) proven_m_.assign(geometry.relative_m.begin(), geometry.relative_m.end());
+  served_ = false;
   return true;
 }
 

@@ -35,7 +35,9 @@ class UnfoldedProof {
   std::shared_ptr<const sheet::Topology> topology_;
   bool connected_ = false;
   std::vector<Eigen::Vector4f> proven_m_;  ///< relative positions of the last proof
-  float margin_m_ = 0;                     ///< how far any vertex may have moved from there, relative to the first; 0: none
+  bool served_ = false;                    ///< it has held for a frame after its own
+  int unkept_ = 0;                         ///< proofs to come that are not kept
+  float margin_m_ = 0;                     ///< how far any vertex may have moved from there, relative to the origin; 0: none
   std::vector<Side> sides_;
   std::vector<std::pair<double, std::uint32_t>> order_;
 };
