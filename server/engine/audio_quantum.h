@@ -7,6 +7,7 @@
 
 #include "server/sheet/mesh_frame.h"
 #include "server/synthesis/cue.h"
+#include "server/synthesis/emitter_sounds.h"
 
 namespace rustle::engine {
 
@@ -14,9 +15,10 @@ namespace rustle::engine {
 struct AudioQuantum {
   synthesis::SampleTime first_sample = 0;
   int channels = 0;
-  std::vector<float> mix;                  ///< [kQuantum x channels], interleaved
-  std::span<const sheet::SheetId> sheets;  ///< in the order of the buses; good until the next batch is accepted
-  std::vector<std::vector<float>> stems;   ///< per bus, [kQuantum x channels] interleaved; empty unless asked for
+  std::vector<float> mix;                        ///< [kQuantum x channels], interleaved
+  std::span<const sheet::SheetId> sheets;        ///< in the order of the buses; good until the next batch is accepted
+  std::vector<std::vector<float>> stems;         ///< per bus, [kQuantum x channels] interleaved; empty unless asked for
+  synthesis::EmitterSounds* emitters = nullptr;  ///< every emitter by itself, where given
 };
 
 }  // namespace rustle::engine

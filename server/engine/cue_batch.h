@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -16,6 +17,7 @@ struct CueBatch {
   std::optional<sheet::SheetId> new_sheet;  ///< accepted with this item: the next one among the buses
   bool end = false;                         ///< nothing follows: after the horizon only tails sound
   synthesis::SampleTime accepted_at = 0;    ///< first sample that it takes part in; set by who hands it to the render side
+  std::uint64_t frame = 0;                  ///< number of the frame it came of, by who hands it over; 0: of none
 };
 
 }  // namespace rustle::engine

@@ -5,9 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
+#include <string>
 #include <tuple>
 #include <utility>
 
+#include "server/engine/economy.h"
 #include "server/spatial/listener.h"
 
 namespace rustle::engine {
@@ -17,6 +20,7 @@ using synthesis::kQuantum;
 using synthesis::SampleTime;
 
 constexpr double kMostSilence_s = 600;  // between frames of the simulation clock
+constexpr double kLiveDue_s = 0.02;     // a live session's next frame has come by then
 constexpr double kDefaultDistance_m = 1.0;
 constexpr double kDefaultElevation_rad = 30.0 * 3.14159265358979323846 / 180.0;
 
@@ -27,6 +31,9 @@ synthesis::PlanOptions plan_options(const Options& options) {
   out.rate_hz = static_cast<std::uint32_t>(options.rate_hz);
   out.origin_s = 0;
   out.friction_fft_size = options.friction_fft_size;
+  out.cloth_search = options.cloth_search;
+  out.layout = spatial_layout(options.layout);
+  out.hrtf = options.hrtf;
   return out;
 }
 
@@ -42,11 +49,11 @@ struct Ingest::SheetState {
   SheetState(const SheetDescription& described, int place)
       : description(described), index(place), analyzer(described.id, analysis::Parameters{}) {}
 
-  SheetDescription description;
+  SheetDescription description;  ///< material and touched surface as in force
   int index;
-  std::string material;
   analysis::SheetAnalyzer analyzer;
   std::optional<sheet::MeshFrame> newest, previous;
+  std::set<std::string> partners;        ///< touched surfaces that were looked for among the packs of cloth
   std::vector<sheet::SentTearTip> tips;  ///< sent between frames: judged with the next one
   bool quiet = true;                     ///< no contact of it sounds
 };
@@ -57,7 +64,10 @@ Ingest::Ingest(Options options, std::shared_ptr<pack::PackLibrary> packs)
       planner_(plan_options(options_)),
       mapping_{options_.time_origin_s, 0, static_cast<double>(options_.rate_hz), 0},
       advanced_s_(-std::numeric_limits<double>::infinity()),
-      newest_s_(options_.time_origin_s) {}
+      newest_s_(options_.time_origin_s) {
+  std::vector<synthesis::Cue> none;  // there is no sheet yet
+  planner_.gains(options_.gains, 0, none);
+}
 
 Ingest::~Ingest() = default;
 
@@ -86,32 +96,40 @@ Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch)
                                   fmt::format("The session has {} sheets, as many as it may have.", sheets_.size()),
                                   "Open another session for more sheets."});
   }
-  const std::string& said = description.material.empty() ? options_.default_material : description.material;
-  const std::string& material = options_.every_material ? *options_.every_material : said;
-  const std::string& surface = description.touched_surface.empty() ? options_.default_surface : description.touched_surface;
-  const auto rate = static_cast<std::uint32_t>(options_.rate_hz);
-  auto pack = packs_->load(material, surface, rate);
-  if (!pack) {
-    return tl::unexpected(
-        Refusal{Refusal::Cause::kUnknownMaterial, "sheet.material", pack.error().message + ".", pack.error().remedy});
-  }
+  SheetDescription settled = description;
+  if (settled.material.empty()) settled.material = options_.default_material;
+  if (options_.every_material) settled.material = *options_.every_material;
+  if (settled.touched_surface.empty()) settled.touched_surface = options_.default_surface;
+  auto setup = sounds_of(settled, "sheet.material");
+  if (!setup) return tl::unexpected(std::move(setup.error()));
   auto& state = sheets_[description.id];
   if (!known) {
     state = std::make_unique<SheetState>(description, static_cast<int>(sheets_.size()) - 1);
     batch.new_sheet = description.id;
   }
-  state->description = description;
-  state->description.touched_surface = surface;
-  state->material = material;
+  state->description = std::move(settled);
+  state->partners.clear();
+  setup->index = state->index;
+  planner_.add_sheet(*setup, earliest_, batch.cues);
+  return std::nullopt;
+}
 
-  synthesis::SheetSetup setup{description.id, state->index, *pack, {}};
+tl::expected<synthesis::SheetSetup, Refusal> Ingest::sounds_of(const SheetDescription& settled, std::string field) {
+  const std::string& material = settled.material;
+  const auto rate = static_cast<std::uint32_t>(options_.rate_hz);
+  auto pack = packs_->load(material, settled.touched_surface, rate);
+  if (!pack) {
+    return tl::unexpected(
+        Refusal{Refusal::Cause::kUnknownMaterial, std::move(field), pack.error().message + ".", pack.error().remedy});
+  }
+  synthesis::SheetSetup setup{settled.id, 0, *pack, {}};
   for (const auto& entry : packs_->entries()) {
     if (entry.material != material || entry.touched_surface == (*pack)->touched_surface) continue;
     if (auto other = packs_->load(material, entry.touched_surface, rate)) setup.by_surface[entry.touched_surface] = *other;
   }
-  setup.fine_events = options_.fine_events.value_or(description.kind == SheetKind::kPaper);
-  planner_.add_sheet(setup, earliest_, batch.cues);
-  return std::nullopt;
+  setup.fine_events = options_.fine_events.value_or(settled.kind == SheetKind::kPaper);
+  setup.grammage_kg_per_m2 = settled.grammage_kg_per_m2;
+  return setup;
 }
 
 Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
@@ -148,17 +166,31 @@ Ingest::Taken Ingest::take(const sheet::MeshFrame& sent, CueBatch& batch) {
   for (const auto& [id, other] : sheets_) {
     if (id == frame.sheet || !other->newest) continue;
     const bool comparable = other->previous && other->previous->topology == other->newest->topology;
-    others.push_back({id, &*other->newest, comparable ? &*other->previous : nullptr, other->material});
+    others.push_back({id, &*other->newest, comparable ? &*other->previous : nullptr, other->description.material});
   }
-  const analysis::SheetSurroundings surroundings{&scene_, others, state.description.touched_surface, state.material};
-  auto observed = state.analyzer.analyze(frame, surroundings, next_event_id_);
+  const analysis::SheetSurroundings surroundings{&scene_, others, state.description.touched_surface,
+                                                 state.description.material};
+  auto observed = state.analyzer.analyze(frame, surroundings, next_event_id_, economy_at(load_level_).effort);
   state.quiet = observed.friction.empty() && observed.tears.empty();
 
+  meet_partners(state, observed);
   plan(observed, batch);
   state.previous = std::move(state.newest);
   state.newest = std::move(frame);
   newest_s_ = std::max(newest_s_, state.newest->time_s);
   return observed;
+}
+
+void Ingest::meet_partners(SheetState& state, const observation::Observation& observed) {
+  if (planner_.latency() == 0) return;  // no sheet is of cloth
+  const auto& description = state.description;
+  for (const auto& contact : observed.friction) {
+    const std::string& surface = contact.touched_surface;
+    if (surface.empty() || surface == description.material || !state.partners.insert(surface).second) continue;
+    if (!packs_->find(surface)) continue;
+    const auto pack = packs_->load(surface, description.material, static_cast<std::uint32_t>(options_.rate_hz));
+    if (pack && (*pack)->cloth) planner_.add_partner(description.id, surface, *pack);
+  }
 }
 
 void Ingest::plan(observation::Observation& observed, CueBatch& batch) {
@@ -186,6 +218,57 @@ Ingest::Taken Ingest::take(const TearTips& tips, CueBatch&) {
                                   "Describe the sheet before its tear tips."});
   }
   found->second->tips = tips.tips;
+  return std::nullopt;
+}
+
+// ------------------------------------------------------------------------------------------------------------ control
+
+Ingest::Taken Ingest::take(const GainChange& change, CueBatch& batch) {
+  std::vector<synthesis::Gain> gains = options_.gains;
+  gains.insert(gains.end(), change.gains.begin(), change.gains.end());
+  planner_.gains(std::move(gains), earliest_, batch.cues);
+  return std::nullopt;
+}
+
+Ingest::Taken Ingest::take(const PackChange& change, CueBatch& batch) {
+  const auto found = sheets_.find(change.sheet);
+  if (found == sheets_.end()) {
+    return tl::unexpected(Refusal{Refusal::Cause::kUnknownSheet, "change_pack.sheet_id",
+                                  fmt::format("Sheet {} was not accepted.", change.sheet),
+                                  "Describe the sheet before its pack is changed."});
+  }
+  SheetDescription settled = found->second->description;
+  if (!change.material.empty() && !options_.every_material) settled.material = change.material;
+  if (!change.touched_surface.empty()) settled.touched_surface = change.touched_surface;
+  auto setup = sounds_of(settled, "change_pack.material");
+  if (!setup) return tl::unexpected(std::move(setup.error()));
+  setup->index = found->second->index;
+  found->second->description = std::move(settled);
+  found->second->partners.clear();
+  planner_.add_sheet(*setup, earliest_, batch.cues);
+  return std::nullopt;
+}
+
+Ingest::Taken Ingest::take(const PackReload&, CueBatch& batch) {
+  std::optional<Refusal> first;
+  for (const auto& [id, state] : sheets_) {
+    auto setup = sounds_of(state->description, "reload_pack.name");
+    if (!setup) {  // keeps what it has
+      if (!first) first = std::move(setup.error());
+      continue;
+    }
+    setup->index = state->index;
+    state->partners.clear();
+    planner_.add_sheet(*setup, earliest_, batch.cues);
+  }
+  if (first) return tl::unexpected(std::move(*first));
+  return std::nullopt;
+}
+
+Ingest::Taken Ingest::take(const LoadLevel& load, CueBatch& batch) {
+  load_level_ = std::min(load.level, kMostLoadLevel);
+  const Economy economy = economy_at(load_level_);
+  planner_.economize(economy.joined_slots, economy.most_voices, earliest_, batch.cues);
   return std::nullopt;
 }
 
@@ -270,18 +353,22 @@ void Ingest::start_again(CueBatch& batch) {
 
 void Ingest::settle_horizon(CueBatch& batch) {
   if (live_) {
+    planner_.complete(earliest_ + static_cast<SampleTime>(kLiveDue_s * options_.rate_hz), batch.cues);
     planner_.release(std::numeric_limits<SampleTime>::max(), batch.cues);
     return;
   }
   double complete_s = std::numeric_limits<double>::infinity();
+  SampleTime settled = std::numeric_limits<SampleTime>::max();
   for (const auto& [id, state] : sheets_) {
+    settled = std::min(settled, planner_.settled(id));
     complete_s = std::min(complete_s, state->newest ? state->newest->time_s - options_.look_ahead_s
                                                     : -std::numeric_limits<double>::infinity());
   }
   if (sheets_.empty()) complete_s = -std::numeric_limits<double>::infinity();
-  complete_s = std::max(complete_s, advanced_s_);
-  const SampleTime reached = std::isfinite(complete_s) ? sample_of(complete_s) / kQuantum * kQuantum : 0;
-  horizon_ = std::max(horizon_, reached);
+  const auto quantum_before = [](SampleTime sample) { return sample / kQuantum * kQuantum; };
+  const auto reached = [&](double time_s) { return std::isfinite(time_s) ? quantum_before(sample_of(time_s)) : 0; };
+  horizon_ = std::max({horizon_, std::min(reached(complete_s), quantum_before(settled)), reached(advanced_s_)});
+  planner_.complete(horizon_, batch.cues);
   earliest_ = horizon_;
   planner_.release(horizon_, batch.cues);
   batch.horizon = horizon_;

@@ -56,7 +56,13 @@ class Ingest {
   /// Frames have stopped coming: contacts end instead of sounding on.
   void fall_quiet(CueBatch& batch);
 
+  /// Every batch so far has been accepted by the render side, and sound before `sample` been rendered: packs that nothing
+  /// plays any more can go.
+  void settle(synthesis::SampleTime sample) { planner_.forget_silent(sample); }
+
   synthesis::SampleTime sample_of(double time_s) const;
+  /// How much later than frames' own time cloth's sound is settled: see Planner.
+  synthesis::SampleTime latency() const { return planner_.latency(); }
   synthesis::PlanCounters counters() const { return planner_.counters(); }
 
  private:
@@ -70,7 +76,13 @@ class Ingest {
   Taken take(const TearTips& tips, CueBatch& batch);
   Taken take(const Advance& advance, CueBatch& batch);
   Taken take(const End& end, CueBatch& batch);
+  Taken take(const GainChange& change, CueBatch& batch);
+  Taken take(const PackChange& change, CueBatch& batch);
+  Taken take(const PackReload& reload, CueBatch& batch);
+  Taken take(const LoadLevel& load, CueBatch& batch);
 
+  /// The packs of a sheet's material, on its touched surface and on all others; the place among the buses is left open.
+  tl::expected<synthesis::SheetSetup, Refusal> sounds_of(const SheetDescription& settled, std::string field);
   /// 1 m from the sheet's centroid, 30 degrees above the horizontal, on the -y side.
   void place_default_listener(const sheet::MeshFrame& frame, CueBatch& batch);
   void plan_listener(const scene::Listener& listener, double time_s, CueBatch& batch);
@@ -78,6 +90,8 @@ class Ingest {
   void plan_planes(double time_s, CueBatch& batch);
   /// Seconds since sample 0.
   double on_sample_axis(double time_s) const;
+  /// Cloth of other materials that the sheet touches for the first time.
+  void meet_partners(SheetState& state, const observation::Observation& observed);
   /// The observation's cues; its times are those of the sample axis meanwhile.
   void plan(observation::Observation& observed, CueBatch& batch);
   /// The promise: sound before this sample is complete once the batch has been applied.
@@ -89,6 +103,7 @@ class Ingest {
   synthesis::Planner planner_;
   std::map<sheet::SheetId, std::unique_ptr<SheetState>> sheets_;
   std::optional<scene::Listener> listener_;
+  std::uint32_t load_level_ = 0;
   bool planes_known_ = false;
   sheet::Vec3d sheets_centre_m_ = sheet::Vec3d::Zero();  ///< of the newest frame: where a listener without forward looks
   TimeMapping mapping_;

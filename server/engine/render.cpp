@@ -9,25 +9,14 @@ namespace {
 
 using synthesis::kQuantum;
 
-spatial::Layout layout_of(Layout layout) {
-  switch (layout) {
-    case Layout::kMono:
-      return spatial::Layout::kMono;
-    case Layout::kBinaural:
-      return spatial::Layout::kBinaural;
-    case Layout::kStereo:
-      break;
-  }
-  return spatial::Layout::kStereo;
-}
-
 synthesis::RenderOptions render_options(const Options& options) {
   synthesis::RenderOptions out;
   out.mode = options.mode == Mode::kPublished ? synthesis::Mode::kPublished : synthesis::Mode::kCorrected;
   out.rate_hz = static_cast<std::uint32_t>(options.rate_hz);
-  out.layout = layout_of(options.layout);
+  out.layout = spatial_layout(options.layout);
   out.hrtf = options.hrtf;
   out.friction_fft_size = options.friction_fft_size;
+  out.max_voices = options.max_voices;
   out.max_sheets = options.max_sheets;
   return out;
 }
@@ -53,6 +42,10 @@ AudioQuantum Render::make_quantum() const {
   return quantum;
 }
 
+std::unique_ptr<synthesis::EmitterSounds> Render::make_emitters() const {
+  return std::make_unique<synthesis::EmitterSounds>(render_options(options_));
+}
+
 void Render::accept(const CueBatch& batch) noexcept {
   for (const auto& cue : batch.cues) mixer_.apply(cue);
   if (batch.new_sheet && sheets_.size() < sheets_.capacity()) sheets_.push_back(*batch.new_sheet);
@@ -72,8 +65,28 @@ RenderCounters Render::counters() const noexcept {
   return {mixer_.counters(), voices_most_, limiter_.limited(), limiter_.not_finite()};
 }
 
+std::optional<synthesis::Bus> Render::bus_of(sheet::SheetId sheet, synthesis::SoundKind kind) const noexcept {
+  const auto found = std::find(sheets_.begin(), sheets_.end(), sheet);
+  if (found == sheets_.end()) return std::nullopt;
+  return synthesis::bus_of(static_cast<int>(found - sheets_.begin()), kind);
+}
+
+void Render::stem(synthesis::Bus bus, std::span<float> out) const noexcept {
+  const bool sounding = mixer_.sounding(bus);
+  const float* samples = buses_.data() + static_cast<std::size_t>(bus) * sum_.size();
+  for (int channel = 0; channel < channels_; ++channel) {
+    for (int i = 0; i < kQuantum; ++i) {
+      out[static_cast<std::size_t>(i * channels_ + channel)] = sounding ? samples[channel * kQuantum + i] : 0.0f;
+    }
+  }
+}
+
 void Render::next(AudioQuantum& out) noexcept {
-  mixer_.render(position_, buses_);
+  mixer_.render(position_, buses_, out.emitters);
+  if (out.emitters) {
+    for (auto& sound : out.emitters->sounds())
+      for (float& x : sound.samples) x *= gain_;
+  }
   voices_most_ = std::max(voices_most_, mixer_.counters().voices);
   std::fill(sum_.begin(), sum_.end(), 0.0f);
   const std::size_t bus_size = sum_.size();
@@ -86,14 +99,7 @@ void Render::next(AudioQuantum& out) noexcept {
         sum_[i] += samples[i];
       }
     }
-    if (options_.stems) {
-      auto& stem = out.stems[static_cast<std::size_t>(bus)];
-      for (int channel = 0; channel < channels_; ++channel) {
-        for (int i = 0; i < kQuantum; ++i) {
-          stem[static_cast<std::size_t>(i * channels_ + channel)] = sounding ? samples[channel * kQuantum + i] : 0.0f;
-        }
-      }
-    }
+    if (options_.stems) stem(static_cast<synthesis::Bus>(bus), out.stems[static_cast<std::size_t>(bus)]);
   }
   std::array<float*, 2> planes{sum_.data(), sum_.data() + kQuantum};
   limiter_.process(std::span(planes.data(), static_cast<std::size_t>(channels_)), kQuantum);

@@ -1,6 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "server/engine/audio_quantum.h"
@@ -20,9 +23,11 @@ struct RenderCounters : synthesis::RenderCounters {
 
 /// The second half of the engine: batches of cues in, quanta of sound out.
 ///
-///   cues ─► mixer ─► buses ─┬─► stems
-///                           └─► sum ─► gain ─► limiter ─► mix
+///   cues ─► mixer ─► buses ─► gain ─┬─► stems
+///                                   └─► sum ─► limiter ─► mix
 ///
+/// Stems are taken before the limiter: where it does not act, their sum in the order of their buses is the mix, bit for bit.
+/// Emitters (EmitterSounds) have the gains but neither directions nor limiter. Neither changes the mix.
 /// Owns no thread, socket, file or clock; allocates when made and nowhere else.
 class Render {
  public:
@@ -31,17 +36,28 @@ class Render {
   /// A quantum of the right shape. [control]
   AudioQuantum make_quantum() const;
 
+  /// What a quantum is given so that every emitter is rendered by itself too. [control]
+  std::unique_ptr<synthesis::EmitterSounds> make_emitters() const;
+
   /// Takes a batch: its cues, then its horizon. [render worker]
   void accept(const CueBatch& batch) noexcept RUSTLE_NONBLOCKING;
 
   /// The next quantum, [position(), position() + kQuantum). [render worker]
   void next(AudioQuantum& out) noexcept RUSTLE_NONBLOCKING;
 
+  /// Where a sheet's sounds of one kind go; absent: the sheet was not accepted. [render worker]
+  std::optional<synthesis::Bus> bus_of(sheet::SheetId sheet, synthesis::SoundKind kind) const noexcept RUSTLE_NONBLOCKING;
+  /// What a bus was in the last quantum, interleaved: its part of the mix before the limiter. [render worker]
+  /// \pre next() was called, out has kQuantum x channels samples
+  void stem(synthesis::Bus bus, std::span<float> out) const noexcept RUSTLE_NONBLOCKING;
+
   synthesis::SampleTime position() const noexcept { return position_; }
   /// Sound before this sample is settled.
   synthesis::SampleTime horizon() const noexcept { return horizon_; }
   /// The stream has ended; tails may go on.
   bool ending() const noexcept { return ending_; }
+  /// Nothing sounds and nothing will without a further cue.
+  bool silent() const noexcept RUSTLE_NONBLOCKING { return mixer_.silent(); }
   /// The stream has ended and its tails have died away.
   bool complete() const noexcept;
 

@@ -7,8 +7,10 @@
 
 #include "server/scene/scene.h"
 #include "server/sheet/mesh_frame.h"
+#include "server/synthesis/gain.h"
 
-/// What a session's stream says, decoded: the engine's only input. Metres, seconds, z up, whatever the sender's units.
+/// What a session's stream says, decoded, and what control says between: the engine's only input. Metres, seconds, z up,
+/// whatever the sender's units.
 namespace rustle::engine {
 
 enum class SheetKind { kPaper, kCloth };
@@ -40,7 +42,32 @@ struct TearTips {
   std::vector<sheet::SentTearTip> tips;
 };
 
-using StreamItem =
-    std::variant<SheetDescription, sheet::MeshFrame, scene::SceneUpdate, scene::Listener, TearTips, Advance, End>;
+/// From here on these gains are in force, on top of Options::gains, and no others.
+struct GainChange {
+  std::vector<synthesis::Gain> gains;
+  bool operator==(const GainChange&) const = default;
+};
+
+/// From here on the sheet has another pack.
+struct PackChange {
+  sheet::SheetId sheet = 0;
+  std::string material;         ///< empty: the one it has
+  std::string touched_surface;  ///< empty: the one it has
+  bool operator==(const PackChange&) const = default;
+};
+
+/// Packs were read anew: sheets take what the library now has of their materials.
+struct PackReload {
+  bool operator==(const PackReload&) const = default;
+};
+
+/// The daemon has more to do than it can, or no longer: from here on what economy.h says of the level holds.
+struct LoadLevel {
+  std::uint32_t level = 0;
+  bool operator==(const LoadLevel&) const = default;
+};
+
+using StreamItem = std::variant<SheetDescription, sheet::MeshFrame, scene::SceneUpdate, scene::Listener, TearTips, Advance,
+                                End, GainChange, PackChange, PackReload, LoadLevel>;
 
 }  // namespace rustle::engine

@@ -38,6 +38,7 @@ class CrumplingPlan final : public PlanModel {
 
   void plan(const SheetPlan& sheet, const observation::Observation& observation, SampleTime earliest,
             std::vector<Cue>& out) override {
+    if (sheet.material->corpus()) return;
     fine_.plan(sheet, observation, earliest);
     for (const CrumplingEvent& event : observation.crumpling) {
       if (!(event.amplitude_m > 0) || !std::isfinite(event.amplitude_m)) continue;
@@ -61,6 +62,13 @@ class CrumplingPlan final : public PlanModel {
   void end_sheet(const SheetPlan&, SampleTime, std::vector<Cue>&) override {}
 
   void add_counters(PlanCounters& counters) const override { counters.sounds_missing += missing_ + fine_.missing(); }
+
+  void forget(const Material& material) override {
+    std::erase_if(events_, [&](const auto& item) { return item.second.sheet.material == &material; });
+    std::erase_if(roots_, [&](const auto& item) { return !events_.contains(item.second); });
+    fine_.forget(material);
+    loudness_.forget(material);
+  }
 
  private:
   void add(const SheetPlan& sheet, const observation::Observation& seen, const CrumplingEvent& event, SampleTime onset,
@@ -172,13 +180,22 @@ class CrumplingPlan final : public PlanModel {
                            const pack::CrumplingSection& section, const pack::GridPoint& wanted) {
     const auto variants = pack::nearest_variants(section, wanted);
     if (variants.empty()) return nullptr;
-    const auto place = std::make_tuple(sheet.id, &section, variants.front());
+    const auto place = std::make_tuple(sheet.id, sheet.pack_changes, variants.front());
     const auto last = last_.find(place);
     const double draw =
         dsp::to_uniform(dsp::hash(dsp::hash(options_.seed, sheet.id, event), static_cast<std::uint64_t>(resonator)));
     const std::uint32_t chosen = pack::choose_variant(variants, draw, last == last_.end() ? pack::kNoUnit : last->second);
     last_[place] = chosen;
+    if (last == last_.end()) forget_packs_before(sheet);
     return &section.units[chosen];
+  }
+
+  /// What was chosen from packs that the sheet had long ago.
+  void forget_packs_before(const SheetPlan& sheet) {
+    std::erase_if(last_, [&](const auto& item) {
+      const auto& [id, pack_changes, first] = item.first;
+      return id == sheet.id && pack_changes + 1 < sheet.pack_changes;
+    });
   }
 
   double level(double amplitude_m, double published_per_m, const pack::CrumplingSection& section, const pack::Unit& unit,
@@ -194,6 +211,8 @@ class CrumplingPlan final : public PlanModel {
 
   /// Events that no continuation can reach any more.
   void forget(SampleTime now) {
+    if (now - forgotten_ < options_.rate_hz / 4 && now >= forgotten_) return;
+    forgotten_ = now;
     const SampleTime old = now - options_.rate_hz;
     std::erase_if(events_, [&](const auto& item) { return item.second.released && item.second.onset < old; });
     std::erase_if(roots_, [&](const auto& item) { return !events_.contains(item.second); });
@@ -202,7 +221,9 @@ class CrumplingPlan final : public PlanModel {
   PlanOptions options_;
   std::map<std::uint64_t, Event> events_;         ///< by the id of the first of a chain
   std::map<std::uint64_t, std::uint64_t> roots_;  ///< event to the first of its chain
-  std::map<std::tuple<sheet::SheetId, const pack::CrumplingSection*, std::uint32_t>, std::uint32_t> last_;
+  /// By sheet, pack and first variant of a place: never by what is freed at some time, which would change the choice.
+  std::map<std::tuple<sheet::SheetId, std::uint64_t, std::uint32_t>, std::uint32_t> last_;
+  SampleTime forgotten_ = 0;  ///< when events were looked through for such
   FineEventsPlan fine_;
   UnitLoudness loudness_;
   std::uint64_t missing_ = 0;

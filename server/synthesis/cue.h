@@ -67,6 +67,36 @@ struct FrictionCue {
   spatial::Emitter emitter;
 };
 
+/// A control point of one tear tip: from its present values linearly to these, over [start, end].
+struct TearCue {
+  SampleTime start = 0;
+  SampleTime end = 0;
+  std::uint64_t tip = 0;  ///< seed of its noise and of its breaks; nothing else has it at the same time
+  Bus bus = 0;
+  float gain = 0;                 ///< RMS at 1 m on the axis and kReferenceTearSpeed_m_per_s
+  float speed_m_per_s = 0;        ///< 0: silent
+  bool ends = false;              ///< the tip is no more once it is reached
+  const float* colour = nullptr;  ///< tear_colour_taps of a filter; null: none
+  spatial::Emitter emitter;
+};
+
+inline constexpr std::int8_t kEveryChannel = -1;
+
+/// A stretch of a cloth patch's sound (C6): samples that it plays from `first` on, beside others. The patch goes linearly to
+/// the emitter's place until `until`; a new one begins there.
+struct ClothPieceCue {
+  SampleTime start = 0;  ///< the patch makes its sound kPathLag before it is heard
+  SampleTime first = 0;  ///< as heard on the direct path at the listener's centre
+  SampleTime until = 0;
+  std::uint64_t patch = 0;
+  Bus bus = 0;
+  std::int8_t channel = kEveryChannel;  ///< or the one that the sound goes to as it is (C7)
+  const float* samples = nullptr;
+  std::uint32_t count = 0;
+  float gain = 0;  ///< at 1 m; of one channel, as heard
+  spatial::Emitter emitter;
+};
+
 /// A sheet goes a rigid way over [start, end]; the emitters of the bus's voices go along: by turn_rad about from_m while
 /// that point goes to to_m. Cues of one bus add up, also where their spans overlap.
 struct EmitterMotionCue {
@@ -94,7 +124,8 @@ struct PlaneCue {
   spatial::Plane plane;
 };
 
-/// A bus goes to this gain over [start, end].
+/// A bus goes to this gain over [start, end], by a curve that is flat at both ends. One that comes while it is on its way to
+/// another begins when that is reached, the newest of several alone; one that comes too late takes as long.
 struct GainCue {
   SampleTime start = 0;
   SampleTime end = 0;
@@ -102,7 +133,15 @@ struct GainCue {
   float gain = 1;
 };
 
-using Cue = std::variant<CrumpleCue, CrumpleRaiseCue, FrictionCue, ListenerCue, PlaneCue, GainCue, EmitterMotionCue>;
+/// At most so many units sound at a time from `start` on, of those that the mixer has room for; the quietest of what is
+/// beyond fade.
+struct VoiceLimitCue {
+  SampleTime start = 0;
+  int most = 0;
+};
+
+using Cue = std::variant<CrumpleCue, CrumpleRaiseCue, FrictionCue, ListenerCue, PlaneCue, GainCue, EmitterMotionCue,
+                         VoiceLimitCue, TearCue, ClothPieceCue>;
 static_assert(std::is_trivially_copyable_v<Cue>);
 
 /// When the mixer acts on a cue: in the quantum that holds this sample, or in the next to come if that one is past.

@@ -31,9 +31,18 @@ SampleTime first_sample_of(std::int64_t slot, std::uint32_t rate_hz) noexcept {
   return scaled % kSlots_per_s > 0 ? sample + 1 : sample;
 }
 
+std::int64_t DenseBursts::slot_at(SampleTime sample) const noexcept {
+  const std::int64_t slot = slot_of(sample, options_.rate_hz);
+  return slot >= 0 ? slot / joined_ : -((joined_ - 1 - slot) / joined_);
+}
+
+SampleTime DenseBursts::first_sample_at(std::int64_t slot) const noexcept {
+  return first_sample_of(slot * joined_, options_.rate_hz);
+}
+
 SampleTime DenseBursts::whole_slots(SampleTime until) const noexcept {
   if (options_.mode == Mode::kPublished || until >= kMostSamples || until <= -kMostSamples) return until;
-  return first_sample_of(slot_of(until + kQuantum - 1, options_.rate_hz) + 1, options_.rate_hz) - kQuantum;
+  return first_sample_at(slot_at(until + kQuantum - 1) + 1) - kQuantum;
 }
 
 void DenseBursts::merge(std::vector<Cue>& cues, std::size_t first) {
@@ -44,7 +53,7 @@ void DenseBursts::merge(std::vector<Cue>& cues, std::size_t first) {
     if (cue == nullptr) continue;
     const auto gain = static_cast<double>(cue->gain);
     const double energy = gain * gain * loudness_.of(cue->unit, cue->unit_samples).energy;
-    members_.push_back({slot_of(cue->onset, options_.rate_hz), cue->bus, cue->event, energy});
+    members_.push_back({slot_at(cue->onset), cue->bus, cue->event, energy});
   }
   const auto key = [](const Member& m) { return std::tuple(m.slot, m.bus, m.event); };
   std::stable_sort(members_.begin(), members_.end(), [&](const Member& a, const Member& b) { return key(a) < key(b); });
@@ -67,7 +76,7 @@ void DenseBursts::merge(std::vector<Cue>& cues, std::size_t first) {
   std::size_t kept = first;
   for (std::size_t i = first; i < cues.size(); ++i) {
     if (auto* cue = std::get_if<CrumpleCue>(&cues[i])) {
-      const Member wanted{slot_of(cue->onset, options_.rate_hz), cue->bus, cue->event, 0};
+      const Member wanted{slot_at(cue->onset), cue->bus, cue->event, 0};
       const auto found = std::lower_bound(members_.begin(), members_.end(), wanted,
                                           [&](const Member& a, const Member& b) { return key(a) < key(b); });
       const float factor = factors_[static_cast<std::size_t>(found - members_.begin())];
@@ -108,7 +117,7 @@ void DenseBursts::merge_slot(std::size_t from, std::size_t to) {
   const Member& one = members_[sounding];
   factors_[sounding] = static_cast<float>(std::sqrt(total / one.energy));
   if (!remembered) return;
-  mergers_[next_merger_] = {one.event, total, first_sample_of(one.slot, options_.rate_hz)};
+  mergers_[next_merger_] = {one.event, total, first_sample_at(one.slot)};
   for (std::size_t i = from; i < to; ++i) {
     if (i != strongest && may_grow(members_[i].event)) {
       merged_events_[{members_[i].bus, members_[i].event}] = {next_merger_, members_[i].energy};

@@ -26,6 +26,9 @@ class DenseBursts {
  public:
   explicit DenseBursts(const PlanOptions& options) : options_(options) {}
 
+  /// From now on so many slots count as one. \pre slots ≥ 1
+  void join_slots(int slots) noexcept { joined_ = slots; }
+
   /// Where a release up to `until` has to reach so that no slot is cut: the end of the last one that it begins (onsets lie
   /// at most kQuantum after their start). Never less than `until`.
   SampleTime whole_slots(SampleTime until) const noexcept;
@@ -39,6 +42,8 @@ class DenseBursts {
 
   /// Forgets what was merged more than a second before `now`.
   void forget(SampleTime now);
+  /// The material's units are about to go.
+  void forget(const Material& material) { loudness_.forget(material); }
 
   std::uint64_t merged() const noexcept { return merged_; }  ///< units left out for another one's
 
@@ -58,9 +63,12 @@ class DenseBursts {
     std::uint64_t merger = 0;
     double energy = 0;
   };
+  std::int64_t slot_at(SampleTime sample) const noexcept;
+  SampleTime first_sample_at(std::int64_t slot) const noexcept;
   void merge_slot(std::size_t from, std::size_t to);
 
   PlanOptions options_;
+  int joined_ = 1;
   UnitLoudness loudness_;
   std::vector<Member> members_;                                    ///< of the cues at hand, and
   std::vector<float> factors_;                                     ///< how much louder each gets, 0: another sounds for it

@@ -32,6 +32,7 @@ EmitterMotions::EmitterMotions(int buses)
 
 void EmitterMotions::apply(const EmitterMotionCue& cue, SampleTime quantum_start) noexcept {
   auto& ways = ways_[cue.bus];
+  buses_ = std::max(buses_, std::size_t{cue.bus} + 1);
   Way way{
       {std::max(cue.start, quantum_start), std::max(cue.end, quantum_start + 1), cue.from_m, cue.to_m}, cue.turn_rad, true};
   const auto free = std::find_if(ways.begin(), ways.end(), [](const Way& w) { return !w.used; });
@@ -50,7 +51,7 @@ void EmitterMotions::advance(SampleTime quantum_start) noexcept {
   if (used_ == 0 && !stepping_) return;
   used_ = 0;
   stepping_ = false;
-  for (std::size_t bus = 0; bus < ways_.size(); ++bus) {
+  for (std::size_t bus = 0; bus < buses_; ++bus) {
     std::size_t kept = 0;
     step_counts_[bus] = 0;
     for (Way& way : ways_[bus]) {

@@ -49,6 +49,7 @@ class EmitterMotions {
   std::vector<std::array<Step, kWays>> steps_;  ///< by bus, of this quantum
   std::vector<std::uint8_t> step_counts_;       ///< by bus
   int used_ = 0;                                ///< ways in all
+  std::size_t buses_ = 0;                       ///< those before this one have moved or may
   bool stepping_ = false;                       ///< some bus has a step
 };
 

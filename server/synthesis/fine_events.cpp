@@ -118,9 +118,8 @@ void FineEventsPlan::plan_burst(const SheetPlan& sheet, const observation::Crump
   if (!wanted(sheet) || !(peak > 0)) return;
   const auto& section = sheet.material->pack().crumpling;
   if (!section) return;
-  const auto variants = pack::nearest_variants(*section, {});
   double loudest = 0;
-  for (const std::uint32_t unit : variants) {
+  for (const std::uint32_t unit : sheet.material->clacs()) {
     const pack::Unit& clac = section->units[unit];
     loudest = std::max(loudest, loudness_.of(clac.samples.data(), static_cast<std::uint32_t>(clac.samples.size())).peak);
   }
@@ -143,7 +142,7 @@ void FineEventsPlan::plan_burst(const SheetPlan& sheet, const observation::Crump
 bool FineEventsPlan::add(const SheetPlan& sheet, std::uint64_t id, SampleTime onset, SampleTime earliest, double gain,
                          const Place& place) {
   const auto& section = sheet.material->pack().crumpling;
-  const auto variants = section ? pack::nearest_variants(*section, {}) : std::vector<std::uint32_t>{};
+  const std::vector<std::uint32_t>& variants = sheet.material->clacs();
   if (variants.empty()) return false;
   Random random(id);
   auto& last = last_.try_emplace(sheet.id, pack::kNoUnit).first->second;

@@ -70,6 +70,8 @@ class FineEventsPlan {
   /// Hands over what starts before `until`, by start, then by event.
   void release(SampleTime until, std::vector<Cue>& out);
   std::uint64_t missing() const { return missing_; }
+  /// The material's units are about to go. \pre none of its events wait
+  void forget(const Material& material) { loudness_.forget(material); }
 
  private:
   struct Place {

@@ -48,6 +48,11 @@ class FrictionPlan final : public PlanModel {
 
   void add_counters(PlanCounters& counters) const override { counters.sounds_missing += missing_; }
 
+  void forget(const Material& material) override {
+    for (auto& [sheet, sources] : sources_)
+      std::erase_if(sources, [&](const auto& item) { return material.has_emission(item.second.emission); });
+  }
+
  private:
   using Sources = std::map<std::uint64_t, FrictionCue>;  ///< the last cue of each sounding source
 
@@ -56,6 +61,7 @@ class FrictionPlan final : public PlanModel {
   void plan_contact(const SheetPlan& sheet, const FrictionContact& contact, const std::vector<FrictionContact>& all,
                     SampleTime start, SampleTime end, Sources& sounding, Sources& alive, std::vector<Cue>& out) {
     const Material& material = sheet.on(contact.touched_surface);
+    if (material.corpus()) return;
     const auto& section = material.pack().friction;
     const bool bare = contact.resonators.empty();
     const std::vector<Resonator> assumed(bare ? 1 : 0, bare_resonator(contact.position_m, contact.area_m2));
@@ -76,6 +82,7 @@ class FrictionPlan final : public PlanModel {
       cue.start = start;
       cue.end = end;
       cue.source = dsp::hash(dsp::hash(options_.seed, sheet.id, contact.id), static_cast<std::uint64_t>(share.index));
+      if (sheet.pack_changes > 0) cue.source = dsp::hash(cue.source, sheet.pack_changes);
       cue.bus = bus_of(sheet.index, SoundKind::kFriction);
       cue.speed_ratio = static_cast<float>(ratio);
       const double part = options_.mode == Mode::kPublished ? 1 : std::sqrt(part_in(resonator, contact, all));

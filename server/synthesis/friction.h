@@ -15,8 +15,9 @@ inline constexpr double kFrictionEnd_s = 0.02;   ///< how long the sources of an
 ///   published  gain = (v/v_ref) · (a / 5.6 cm)³
 /// with control points at the frames' times, straight in between. A contact or resonator that is missing from an observation
 /// has faded out by its time; one that appears has come up from the frame before. A source is (sheet, episode, place of the
-/// resonator in the contact's list); its noise is seeded by them and the session's seed. Corrected, a contact that stuck
-/// comes loose in slips (stick_slip.h), which are units of their own. [analysis worker]
+/// resonator in the contact's list); its noise is seeded by them and the session's seed. A sheet that was given another pack
+/// has sources of its own for it: the old ones fade while they come up. Corrected, a contact that stuck comes loose in slips
+/// (stick_slip.h), which are units of their own. [analysis worker]
 std::unique_ptr<PlanModel> make_friction_plan(const PlanOptions& options);
 
 }  // namespace rustle::synthesis

@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "server/synthesis/emitter_sounds.h"
 #include "server/synthesis/noise_spectrum.h"
 #include "sound_db/dsp/fft.h"
 #include "sound_db/dsp/random.h"
@@ -170,7 +171,8 @@ class FrictionNoise final : public RenderModel {
 
   void render(const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept override {
     const SampleTime within = ((quantum_start % hop_) + hop_) % hop_;
-    if (within == 0) next_block(scene.before, quantum_start);
+    if (within == 0) next_block(scene.before, quantum_start, out.emitters);
+    if (out.emitters) give_off(static_cast<std::size_t>(within), *out.emitters);
     if (buses_sounding_ == 0) return;
     for (std::size_t sheet = 0; sheet < hops_left_.size(); ++sheet) {
       if (hops_left_[sheet] == 0) continue;
@@ -229,13 +231,26 @@ class FrictionNoise final : public RenderModel {
     return chosen;
   }
 
-  void next_block(const AcousticScene& scene, SampleTime start) noexcept {
+  /// Every source by itself.
+  static void give_off(std::size_t within, EmitterSounds& emitters) noexcept {
+    for (const DryNoise::Source& source : emitters.noise().sources()) {
+      if (source.hops_left == 0) continue;
+      float* samples = emitters.add_to(source.id, source.bus, source.emitter);
+      if (!samples) continue;
+      const auto ready = emitters.noise().heard(source).subspan(within, kQuantum);
+      for (std::size_t n = 0; n < kQuantum; ++n) samples[n] += ready[n];
+    }
+  }
+
+  void next_block(const AcousticScene& scene, SampleTime start, EmitterSounds* emitters) noexcept {
     buses_sounding_ = 0;
+    if (emitters) emitters->noise().next_hop();
     for (std::size_t sheet = 0; sheet < hops_left_.size(); ++sheet) {
       made_.fill(false);
       if (sources_active_ > 0) {
         for (Source& source : sources_) {
-          if (source.active && static_cast<std::size_t>(sheet_of(source.bus)) == sheet) add_source(source, scene, start);
+          if (source.active && static_cast<std::size_t>(sheet_of(source.bus)) == sheet)
+            add_source(source, scene, start, emitters);
         }
       }
       const bool late = std::any_of(made_.begin() + 1, made_.end(), [](bool made) { return made; });
@@ -253,18 +268,22 @@ class FrictionNoise final : public RenderModel {
     for (std::size_t part = 0; part < kHopParts; ++part) {
       if (!made_[part]) continue;
       ComplexBins& made = spectrum(channel, part);
-      const auto bins = fft_.spectrum();
-      const float scale = std::sqrt(static_cast<float>(size_));
-      for (std::size_t g = 0, k = 0; k < bins_; ++g) {
-        for (std::size_t j = 0; j < kBinLanes; ++j, ++k) bins[k] = {scale * made.re[g].at[j], scale * made.im[g].at[j]};
-      }
-      bins[0] = bins[bins_] = 0;
-      fft_.inverse();
-      const auto block = fft_.time();
-      float* from = sum.data() + part * bins_ / kHopParts;
-      for (std::size_t n = 0; n < block.size(); ++n) from[n] += window_[n] * block[n];
+      add_block(made, sum.data() + part * bins_ / kHopParts);
       set_zero(made);
     }
+  }
+
+  /// Adds a spectrum as a windowed block.
+  void add_block(const ComplexBins& made, float* out) noexcept {
+    const auto bins = fft_.spectrum();
+    const float scale = std::sqrt(static_cast<float>(size_));
+    for (std::size_t g = 0, k = 0; k < bins_; ++g) {
+      for (std::size_t j = 0; j < kBinLanes; ++j, ++k) bins[k] = {scale * made.re[g].at[j], scale * made.im[g].at[j]};
+    }
+    bins[0] = bins[bins_] = 0;
+    fft_.inverse();
+    const auto block = fft_.time();
+    for (std::size_t n = 0; n < block.size(); ++n) out[n] += window_[n] * block[n];
   }
 
   /// A source's amplitude in its last blocks, this one first.
@@ -272,7 +291,7 @@ class FrictionNoise final : public RenderModel {
     return std::span(amplitudes_).subspan(static_cast<std::size_t>(&source - sources_.data()) * history_, history_);
   }
 
-  void add_source(Source& source, const AcousticScene& scene, SampleTime start) noexcept {
+  void add_source(Source& source, const AcousticScene& scene, SampleTime start, EmitterSounds* emitters) noexcept {
     const Control now = source.at(start, kUnrenewed_s * rate_hz_, kUnrenewedFade_s * rate_hz_);
     double gain = now.gain;
     if (source.sigma > 0 && gain > 0)
@@ -287,7 +306,19 @@ class FrictionNoise final : public RenderModel {
       --sources_active_;
       return;
     }
-    if (heard) add_paths(source, now.emitter, scene, floor_divide(start, hop_));
+    const std::int64_t block = floor_divide(start, hop_);
+    if (emitters && past[0] != 0) add_dry(source, now.emitter, past[0], block, emitters->noise());
+    if (heard) add_paths(source, now.emitter, scene, block);
+  }
+
+  /// What a path without gain and delay would bring.
+  void add_dry(const Source& source, const spatial::Emitter& emitter, float amplitude, std::int64_t block,
+               DryNoise& noise) noexcept {
+    const std::span<float> sum = noise.block(source.key, source.bus, emitter);
+    if (sum.empty()) return;
+    set_zero(way_);
+    add_turned_delayed(dsp::hash(phases_of(source), static_cast<std::uint64_t>(block)), source.emission, amplitude, 0, way_);
+    add_block(way_, sum.data());
   }
 
   static std::int64_t floor_divide(SampleTime a, SampleTime b) noexcept { return a / b - (a % b < 0 ? 1 : 0); }

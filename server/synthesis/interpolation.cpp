@@ -20,7 +20,7 @@ constexpr bool kWideRegisters = false;
 #endif
 using Lanes = float __attribute__((vector_size(kBlock * sizeof(float))));
 using FourLanes = float __attribute__((vector_size(4 * sizeof(float))));
-constexpr std::size_t kAhead = 8;  ///< taps by which samples are called for early
+constexpr std::size_t kAhead = 6;  ///< taps by which samples are called for early
 
 /// A_k[m], m < kQuantum + 3.
 using ShiftedSums = std::array<std::array<float, kQuantum + 4>, 4>;
@@ -34,21 +34,29 @@ template <class L>
   std::memcpy(to, &x, sizeof x);
 }
 
+/// Has the quantum that a tap reads brought to the nearest cache, line by line.
+template <class Tap>
+[[gnu::always_inline]] inline void call_for(std::span<Tap> taps, std::size_t at) noexcept {
+  const float* x = taps[std::min(at, taps.size() - 1)].x;
+  for (std::size_t line = 0; line <= kQuantum; line += 16) __builtin_prefetch(x + line);
+}
+
 /// Both kinds of taps in kBlocks blocks of the quantum from `from` on; still ones into sums. kLast: the sums' ends too.
 template <std::size_t kBlocks, bool kLast>
-[[gnu::always_inline]] inline void add_blocks(std::span<const WholeTap> whole, std::span<const StillTap> still,
-                                              std::size_t from, ShiftedSums& sums, float* out) noexcept {
+[[gnu::always_inline]] inline void add_blocks(std::span<WholeTap> whole, std::span<StillTap> still, std::size_t from,
+                                              ShiftedSums& sums, float* out) noexcept {
   std::array<Lanes, kBlocks> w;
   std::array<std::array<Lanes, kBlocks>, 4> a{};
   std::array<FourLanes, 4> ends{};
-  const auto add_whole = [&](const WholeTap& tap) __attribute__((always_inline)) {
+  const auto add_whole = [&](WholeTap & tap) __attribute__((always_inline)) {
     for (std::size_t b = 0; b < kBlocks; ++b) {
       Lanes x;
       load(x, tap.x + from + b * kBlock);
       w[b] += tap.gain * x;
     }
+    if constexpr (kLast) tap.x += kQuantum;
   };
-  const auto add_still = [&](const StillTap& tap) __attribute__((always_inline)) {
+  const auto add_still = [&](StillTap & tap) __attribute__((always_inline)) {
     for (std::size_t b = 0; b < kBlocks; ++b) {
       Lanes x;
       load(x, tap.x + from + b * kBlock);
@@ -58,17 +66,19 @@ template <std::size_t kBlocks, bool kLast>
       FourLanes x;
       load(x, tap.x + kQuantum - 1);
       for (std::size_t k = 1; k < 4; ++k) ends[k] += tap.weights_gain[k] * x;
+      tap.x += kQuantum;
     }
   };
   for (std::size_t b = 0; b < kBlocks; ++b) load(w[b], out + from + b * kBlock);
   const std::size_t both = std::min(whole.size(), still.size());
   for (std::size_t i = 0; i < both; ++i) {
-    __builtin_prefetch(whole[std::min(i + kAhead, whole.size() - 1)].x + kQuantum - 1);
+    call_for(still, i + kAhead);
+    call_for(whole, i + kAhead);
     add_still(still[i]);
     add_whole(whole[i]);
   }
   for (std::size_t i = both; i < still.size(); ++i) {
-    __builtin_prefetch(still[std::min(i + kAhead, still.size() - 1)].x + kQuantum - 1);
+    call_for(still, i + kAhead);
     add_still(still[i]);
   }
   for (std::size_t i = both; i < whole.size(); ++i) add_whole(whole[i]);
@@ -82,8 +92,7 @@ template <std::size_t kBlocks, bool kLast>
 }
 
 template <std::size_t kBlocks>
-[[gnu::always_inline]] inline void add_taps_in(std::span<const WholeTap> whole, std::span<const StillTap> still,
-                                               float* out) noexcept {
+[[gnu::always_inline]] inline void add_taps_in(std::span<WholeTap> whole, std::span<StillTap> still, float* out) noexcept {
   constexpr std::size_t kLastFrom = kQuantum - kBlocks * kBlock;
   ShiftedSums sums;
   for (std::size_t from = 0; from < kLastFrom; from += kBlocks * kBlock)
@@ -93,20 +102,21 @@ template <std::size_t kBlocks>
 }
 
 /// With a quantum of every sum in registers at once, where they are enough and wide.
-RUSTLE_SIMD void add_taps_wide(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept {
+RUSTLE_SIMD void add_taps_wide(std::span<WholeTap> whole, std::span<StillTap> still, float* out) noexcept {
   add_taps_in<kQuantum / kBlock>(whole, still, out);
 }
 
 /// A block at a time, its sums in sixteen registers.
-RUSTLE_SIMD void add_taps_narrow(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept {
+RUSTLE_SIMD void add_taps_narrow(std::span<WholeTap> whole, std::span<StillTap> still, float* out) noexcept {
   add_taps_in<1>(whole, still, out);
 }
 
 /// One tap by itself.
-RUSTLE_SIMD void add_one(const StillTap& tap, float* __restrict out) noexcept {
+RUSTLE_SIMD void add_one(StillTap& tap, float* __restrict out) noexcept {
   const float* x = tap.x;
   const auto w = tap.weights_gain;
   for (int n = 0; n < kQuantum; ++n) out[n] += (w[0] * x[n] + w[1] * x[n + 1]) + (w[2] * x[n + 2] + w[3] * x[n + 3]);
+  tap.x += kQuantum;
 }
 
 /// Where a block begins and what it is scaled by.
@@ -176,7 +186,7 @@ std::array<float, 4> weights(Position fraction, float gain) noexcept {
           static_cast<float>(g * ((f + 1) * f * (f - 1) / 6 - treble))};
 }
 
-void add_taps(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept {
+void add_taps(std::span<WholeTap> whole, std::span<StillTap> still, float* out) noexcept {
   if (whole.empty() && still.size() == 1) {
     add_one(still.front(), out);
   } else if (kWideRegisters) {

@@ -37,12 +37,12 @@ struct StillTap {
 /// w(fraction) · gain; exactly (0, gain, 0, 0) where the fraction is 0.
 std::array<float, 4> weights(Position fraction, float gain) noexcept RUSTLE_NONBLOCKING;
 
-/// Adds what taps read, in one pass over their samples:
+/// Adds what taps read, in one pass over their samples, and moves them a quantum on:
 ///   W[n] = out[n] + Σ_whole gain x[n],   A_k[m] = Σ_still weights_gain[k] x[m],
 ///   out[n] = W[n] + ((A_0[n] + A_1[n+1]) + (A_2[n+2] + A_3[n+3])),
 /// Σ tap after tap. Each sample is loaded once, the four shifts coming after the sum over taps, not before.
 /// \pre x of a whole tap and out have kQuantum samples, x of a still one kQuantum + 3
-void add_taps(std::span<const WholeTap> whole, std::span<const StillTap> still, float* out) noexcept RUSTLE_NONBLOCKING;
+void add_taps(std::span<WholeTap> whole, std::span<StillTap> still, float* out) noexcept RUSTLE_NONBLOCKING;
 
 /// A reading that moves at an even pace while its gain goes straight.
 struct MovingTap {

@@ -1,16 +1,24 @@
 #include "server/synthesis/material.h"
 
+#include <algorithm>
 #include <cassert>
 #include <utility>
 
 #include "server/synthesis/stick_slip.h"
 #include "sound_db/pack/emission.h"
+#include "sound_db/pack/query.h"
 
 namespace rustle::synthesis {
 
-Material::Material(std::shared_ptr<const pack::SoundPack> pack, std::uint32_t rate_hz, int friction_fft_size_or_0)
+Material::Material(std::shared_ptr<const pack::SoundPack> pack, std::uint32_t rate_hz, int friction_fft_size_or_0,
+                   cloth::Search search)
     : pack_(std::move(pack)) {
   assert(pack_ && pack_->rate_hz == rate_hz && "a pack is loaded at the session's rate");
+  if (pack_->cloth) {
+    cloth_ = search == cloth::Search::kCausal ? cloth::prepared(pack_->cloth)
+                                              : std::make_shared<const cloth::PreparedCorpus>(pack_->cloth, search);
+  }
+  if (pack_->crumpling) clacs_ = pack::nearest_variants(*pack_->crumpling, {});
   if (!pack_->friction) return;
   const int bins = friction_fft_size(rate_hz, friction_fft_size_or_0) / 2 + 1;
   emissions_.reserve(pack_->friction->spectra.size());
@@ -31,6 +39,18 @@ std::size_t Material::index_of(const pack::Spectrum& spectrum) const noexcept {
 
 const float* Material::emission(const pack::Spectrum& spectrum) const noexcept {
   return emissions_[index_of(spectrum)].data();
+}
+
+bool Material::has_emission(const float* emission) const noexcept {
+  return std::any_of(emissions_.begin(), emissions_.end(), [&](const auto& own) { return own.data() == emission; });
+}
+
+std::int64_t Material::longest_unit() const noexcept {
+  std::size_t longest = cloth_ ? 2 * static_cast<std::size_t>(cloth_->unit_samples()) : 0;
+  if (pack_->crumpling) {
+    for (const pack::Unit& unit : pack_->crumpling->units) longest = std::max(longest, unit.samples.size());
+  }
+  return static_cast<std::int64_t>(longest);
 }
 
 const std::vector<float>& Material::slip(const pack::Spectrum& spectrum) const noexcept {

@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "server/synthesis/cloth/prepared_corpus.h"
 #include "sound_db/pack/sound_pack.h"
 
 namespace rustle::synthesis {
@@ -22,7 +23,8 @@ inline constexpr int kMostFrictionFft = 8192;
 class Material {
  public:
   /// \pre pack is not null, pack->rate_hz == rate_hz
-  Material(std::shared_ptr<const pack::SoundPack> pack, std::uint32_t rate_hz, int friction_fft_size_or_0 = 0);
+  Material(std::shared_ptr<const pack::SoundPack> pack, std::uint32_t rate_hz, int friction_fft_size_or_0 = 0,
+           cloth::Search search = cloth::Search::kCausal);
 
   const pack::SoundPack& pack() const noexcept { return *pack_; }
   const std::shared_ptr<const pack::SoundPack>& shared() const noexcept { return pack_; }
@@ -30,11 +32,23 @@ class Material {
   const float* emission(const pack::Spectrum& spectrum) const noexcept;
   /// What a slip sounds like where friction has this spectrum; lives as long as this object.
   const std::vector<float>& slip(const pack::Spectrum& spectrum) const noexcept;
+  /// All of those.
+  const std::vector<std::vector<float>>& slips() const noexcept { return slips_; }
+  /// Whether it is one of the emissions.
+  bool has_emission(const float* emission) const noexcept;
+  /// Places of the units that a constrained resonator sounds like, in pack().crumpling; none: the pack has no clacs.
+  const std::vector<std::uint32_t>& clacs() const noexcept { return clacs_; }
+  /// What a pack of cloth is made of, ready to be played; null: it is not one.
+  const std::shared_ptr<const cloth::PreparedCorpus>& corpus() const noexcept { return cloth_; }
+  /// Samples of the longest crumpling unit, or of the longest piece of cloth.
+  std::int64_t longest_unit() const noexcept;
 
  private:
   std::shared_ptr<const pack::SoundPack> pack_;
   std::size_t index_of(const pack::Spectrum& spectrum) const noexcept;
 
+  std::shared_ptr<const cloth::PreparedCorpus> cloth_;
+  std::vector<std::uint32_t> clacs_;
   std::vector<std::vector<float>> emissions_;
   std::vector<std::vector<float>> slips_;
 };

@@ -1,11 +1,13 @@
 #include "server/synthesis/mixer.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <tuple>
 
 #include "server/synthesis/denormals.h"
+#include "server/synthesis/emitter_sounds.h"
 #include "server/synthesis/model_registry.h"
 
 namespace rustle::synthesis {
@@ -14,7 +16,8 @@ namespace {
 /// Whether the cue can lead to sound by itself.
 bool sounds(const Cue& cue) noexcept {
   if (const auto* friction = std::get_if<FrictionCue>(&cue)) return friction->gain > 0;
-  return std::holds_alternative<CrumpleCue>(cue);
+  if (const auto* tear = std::get_if<TearCue>(&cue)) return tear->speed_m_per_s > 0;
+  return std::holds_alternative<CrumpleCue>(cue) || std::holds_alternative<ClothPieceCue>(cue);
 }
 
 bool within(const spatial::Vec3& v) noexcept {
@@ -32,8 +35,11 @@ bool usable(const Cue& cue, int buses) noexcept {
   }
   if (const auto* gain = std::get_if<GainCue>(&cue)) return gain->bus < buses && std::isfinite(gain->gain);
   if (const auto* friction = std::get_if<FrictionCue>(&cue)) return friction->bus < buses;
+  if (const auto* tear = std::get_if<TearCue>(&cue)) return tear->bus < buses;
+  if (const auto* piece = std::get_if<ClothPieceCue>(&cue)) return piece->bus < buses;
   if (const auto* raise = std::get_if<CrumpleRaiseCue>(&cue)) return raise->bus < buses;
   if (const auto* motion = std::get_if<EmitterMotionCue>(&cue)) return motion->bus < buses;
+  if (const auto* limit = std::get_if<VoiceLimitCue>(&cue)) return limit->most >= 0;
   return std::get<CrumpleCue>(cue).bus < buses;
 }
 
@@ -45,6 +51,8 @@ Order order_of(const Cue& cue) noexcept {
   if (const auto* c = std::get_if<CrumpleCue>(&cue)) return {start, kind, c->bus, c->event, c->resonator};
   if (const auto* c = std::get_if<CrumpleRaiseCue>(&cue)) return {start, kind, c->bus, c->event, 0};
   if (const auto* c = std::get_if<FrictionCue>(&cue)) return {start, kind, c->bus, c->source, 0};
+  if (const auto* c = std::get_if<TearCue>(&cue)) return {start, kind, c->bus, c->tip, 0};
+  if (const auto* c = std::get_if<ClothPieceCue>(&cue)) return {start, kind, c->bus, c->patch, 0};
   if (const auto* c = std::get_if<PlaneCue>(&cue)) return {start, kind, c->slot, 0, 0};
   if (const auto* c = std::get_if<GainCue>(&cue)) return {start, kind, c->bus, 0, 0};
   if (const auto* c = std::get_if<EmitterMotionCue>(&cue)) return {start, kind, c->bus, 0, 0};
@@ -56,7 +64,7 @@ Order order_of(const Cue& cue) noexcept {
 Mixer::Mixer(const RenderOptions& options)
     : options_(options),
       scene_(options.layout),
-      gains_(static_cast<std::size_t>(options.buses()), Ramp<float>{0, 0, 1, 1}),
+      gains_(static_cast<std::size_t>(options.buses())),
       sounding_(static_cast<std::size_t>(options.buses())) {
   for (const SoundModel& model : sound_models()) models_.push_back(model.make_render(options));
   waiting_.reserve(kMaxWaitingCues);
@@ -75,15 +83,18 @@ void Mixer::apply(const Cue& cue) noexcept {
     return;
   }
   waiting_.push_back(cue);
+  std::visit(
+      [&](const auto& c) {
+        if constexpr (requires { c.bus; }) told_of_ = std::max(told_of_, std::size_t{c.bus} + 1);
+      },
+      cue);
   sounds_waiting_ += sounds(cue) ? 1 : 0;
 }
 
 void Mixer::act(const Cue& cue, SampleTime quantum_start) noexcept {
   sounds_waiting_ -= sounds(cue) ? 1 : 0;
   if (const auto* gain = std::get_if<GainCue>(&cue)) {
-    Ramp<float>& ramp = gains_[gain->bus];
-    const float now = ramp.from + static_cast<float>(ramp.progress(quantum_start)) * (ramp.to - ramp.from);
-    ramp = {std::max(gain->start, quantum_start), std::max(gain->end, quantum_start), now, gain->gain};
+    gains_[gain->bus].next = *gain;
     return;
   }
   for (const auto& model : models_) model->apply(cue, scene_.scene(), quantum_start);
@@ -121,29 +132,58 @@ void Mixer::act_on_due(SampleTime quantum_start) noexcept {
   for (const Cue& cue : due_) act(cue, quantum_start);
 }
 
-void Mixer::render(SampleTime quantum_start, std::span<float> out) noexcept {
+void Mixer::render(SampleTime quantum_start, std::span<float> out, EmitterSounds* emitters) noexcept {
   assert(quantum_start % kQuantum == 0);
   assert(out.size() == quantum_size());
   const FlushDenormals flush_denormals;
   std::fill(sounding_.begin(), sounding_.end(), std::uint8_t{0});
   act_on_due(quantum_start);
-  const BusSamples samples{out.data(), sounding_.data(), channels()};
+  const BusSamples samples{out.data(), sounding_.data(), channels(), emitters};
+  if (emitters) emitters->begin_quantum();
   for (const auto& model : models_) model->render(scene_.scene(), quantum_start, samples);
   apply_gains(quantum_start, out);
+  if (!emitters) return;
+  emitters->end_quantum();
+  apply_gains(quantum_start, *emitters);
+}
+
+void Mixer::fill_factors(std::size_t bus, SampleTime quantum_start, Factors& factors) const noexcept {
+  const Ramp<float>& way = gains_[bus].way;
+  if (way.end <= quantum_start) {
+    factors.fill(way.to);
+    return;
+  }
+  for (int n = 0; n < kQuantum; ++n) {
+    const double t = way.progress(quantum_start + n);
+    factors[static_cast<std::size_t>(n)] = way.from + static_cast<float>(t * t * (3 - 2 * t)) * (way.to - way.from);
+  }
 }
 
 void Mixer::apply_gains(SampleTime quantum_start, std::span<float> out) noexcept {
-  for (std::size_t bus = 0; bus < gains_.size(); ++bus) {
-    const Ramp<float>& ramp = gains_[bus];
-    if (!sounding_[bus] || (ramp.from == 1 && ramp.to == 1)) continue;
-    const float range = ramp.to - ramp.from;
-    const float first = ramp.from + static_cast<float>(ramp.progress(quantum_start)) * range;
-    const float last = ramp.from + static_cast<float>(ramp.progress(quantum_start + kQuantum)) * range;
-    const float slope = (last - first) / kQuantum;
+  Factors factors;
+  for (std::size_t bus = 0; bus < told_of_; ++bus) {
+    BusGain& gain = gains_[bus];
+    Ramp<float>& way = gain.way;
+    if (gain.next && way.end <= quantum_start) {
+      const SampleTime start = std::max(gain.next->start, quantum_start);
+      const SampleTime length = std::max<SampleTime>(0, gain.next->end - gain.next->start);
+      way = {start, start + length, way.to, gain.next->gain};
+      gain.next.reset();
+    }
+    if (!sounding_[bus] || (way.from == 1 && way.to == 1)) continue;
+    fill_factors(bus, quantum_start, factors);
     for (int c = 0; c < channels(); ++c) {
       float* samples = out.data() + (bus * static_cast<std::size_t>(channels()) + static_cast<std::size_t>(c)) * kQuantum;
-      for (int n = 0; n < kQuantum; ++n) samples[n] *= first + slope * static_cast<float>(n);
+      for (std::size_t n = 0; n < kQuantum; ++n) samples[n] *= factors[n];
     }
+  }
+}
+
+void Mixer::apply_gains(SampleTime quantum_start, EmitterSounds& emitters) const noexcept {
+  Factors factors;
+  for (EmitterSound& sound : emitters.sounds()) {
+    fill_factors(sound.bus, quantum_start, factors);
+    for (std::size_t n = 0; n < factors.size(); ++n) sound.samples[n] *= factors[n];
   }
 }
 

@@ -3,11 +3,19 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <limits>
 
 #include "server/synthesis/model_registry.h"
+#include "server/synthesis/source_paths.h"
 #include "sound_db/dsp/level.h"
 
 namespace rustle::synthesis {
+namespace {
+
+constexpr double kLongestAfter_s = 1;  ///< what an observation leads to has begun by then: slips, bursts and aftershocks
+constexpr double kLongestEcho_s = 3;   ///< after a unit's end: paths are 2 s long at most, an unrenewed source holds 0.3 s
+
+}  // namespace
 
 SampleTime to_sample(const PlanOptions& options, double time_s) noexcept {
   constexpr double kMost = 4503599627370496.0;
@@ -27,10 +35,40 @@ SampleTime Planner::samples(double duration_s) const {
 
 const Material* Planner::material(const std::shared_ptr<const pack::SoundPack>& pack) {
   for (const auto& known : materials_) {
-    if (known->shared() == pack) return known.get();
+    if (known.material->shared() == pack) return known.material.get();
   }
-  materials_.push_back(std::make_unique<Material>(pack, options_.rate_hz, options_.friction_fft_size));
-  return materials_.back().get();
+  materials_.push_back(
+      {std::make_unique<Material>(pack, options_.rate_hz, options_.friction_fft_size, options_.cloth_search), true, 0, {}});
+  return materials_.back().material.get();
+}
+
+void Planner::see_who_uses_materials() {
+  for (KnownMaterial& known : materials_) {
+    const Material* material = known.material.get();
+    const bool in_use = std::any_of(sheets_.begin(), sheets_.end(), [&](const auto& sheet) {
+      const auto in = [&](const auto& others) {
+        return std::any_of(others.begin(), others.end(), [&](const auto& other) { return other.second == material; });
+      };
+      return sheet.second.material == material || in(sheet.second.by_surface) || in(sheet.second.partners);
+    });
+    if (known.in_use && !in_use) known.planned_until = planned_until_;
+    known.in_use = in_use;
+    if (in_use) known.until.reset();
+  }
+}
+
+void Planner::forget_silent(SampleTime settled) {
+  std::erase_if(materials_, [&](KnownMaterial& known) {
+    if (known.in_use) return false;
+    if (!known.until) {
+      known.until = std::max(known.planned_until, settled) + known.material->longest_unit() + samples(kLongestEcho_s);
+      return false;
+    }
+    if (settled <= *known.until) return false;
+    for (const auto& model : models_) model->forget(*known.material);
+    bursts_.forget(*known.material);
+    return true;
+  });
 }
 
 void Planner::add_sheet(const SheetSetup& setup, SampleTime earliest, std::vector<Cue>& out) {
@@ -39,16 +77,56 @@ void Planner::add_sheet(const SheetSetup& setup, SampleTime earliest, std::vecto
   sheet.index = setup.index;
   sheet.material = material(setup.pack);
   sheet.fine_events = setup.fine_events;
+  sheet.grammage_kg_per_m2 = setup.grammage_kg_per_m2.value_or(setup.pack->grammage_kg_per_m2);
   for (const auto& [surface, pack] : setup.by_surface) sheet.by_surface[surface] = material(pack);
-  const bool known = sheets_.contains(setup.id);
+  const auto before = sheets_.find(setup.id);
+  const bool known = before != sheets_.end();
+  if (known) {
+    const bool same = before->second.material == sheet.material && before->second.by_surface == sheet.by_surface;
+    sheet.pack_changes = before->second.pack_changes + (same ? 0 : 1);
+  }
   const SheetPlan& added = sheets_[setup.id] = std::move(sheet);
+  see_who_uses_materials();
   send_gains(added, earliest, known ? earliest + samples(kGainRamp_s) : earliest, out);
+}
+
+void Planner::add_partner(sheet::SheetId id, const std::string& name, const std::shared_ptr<const pack::SoundPack>& pack) {
+  const auto sheet = sheets_.find(id);
+  if (sheet == sheets_.end()) return;
+  sheet->second.partners[name] = material(pack);
+  see_who_uses_materials();
+}
+
+void Planner::complete(SampleTime until, std::vector<Cue>& out) {
+  for (const auto& model : models_) model->complete(until, out);
+}
+
+SampleTime Planner::settled(sheet::SheetId id) const {
+  SampleTime settled = std::numeric_limits<SampleTime>::max();
+  for (const auto& model : models_) settled = std::min(settled, model->settled(id));
+  return settled;
+}
+
+SampleTime Planner::latency() const {
+  SampleTime latency = 0;
+  const auto see = [&](const Material* material) {
+    if (material->corpus()) latency = std::max(latency, material->corpus()->latency_samples() + kPathLag);
+  };
+  for (const auto& [id, sheet] : sheets_) {
+    see(sheet.material);
+    for (const auto& [surface, material] : sheet.by_surface) see(material);
+    for (const auto& [name, material] : sheet.partners) see(material);
+  }
+  return latency;
 }
 
 void Planner::plan(const observation::Observation& observation, SampleTime earliest, std::vector<Cue>& out) {
   const auto sheet = sheets_.find(observation.sheet);
   if (sheet == sheets_.end()) return;
   const std::size_t first = out.size();
+  const SampleTime time = to_sample(options_, observation.time_s);
+  const SampleTime interval = std::max<SampleTime>(0, time - to_sample(options_, observation.previous_time_s));
+  planned_until_ = std::max(planned_until_, std::max(time, earliest) + interval + samples(kLongestAfter_s));
   for (const auto& model : models_) model->plan(sheet->second, observation, earliest, out);
   if (observation.motion) {
     const auto& [from_m, to_m, turn_rad] = *observation.motion;
@@ -57,7 +135,7 @@ void Planner::plan(const observation::Observation& observation, SampleTime earli
     out.emplace_back(EmitterMotionCue{way.start, way.end, bus, from_m, to_m, turn_rad});
   }
   bursts_.redirect_raises(out, first);
-  bursts_.forget(to_sample(options_, observation.time_s));
+  bursts_.forget(time);
 }
 
 void Planner::release(SampleTime until, std::vector<Cue>& out) {
@@ -81,6 +159,7 @@ void Planner::listener(const spatial::Listener& listener, double time_s, SampleT
     out.emplace_back(ListenerCue{placed_ ? way.start : earliest, way.end, listener});
   }
   listener_ = listener;
+  tell_places();
   listener_time_ = to_sample(options_, time_s);
   placed_ = true;
 }
@@ -125,20 +204,24 @@ void Planner::planes(std::span<const IdentifiedPlane> planes, double time_s, Sam
     slots_[slot].used = false;
     slots_[slot].free_from = way.end;
   }
+  tell_places();
 }
 
-float Planner::bus_gain(const SheetPlan& sheet, int kind) const {
-  const auto of_sheet = gains_.sheet_db.find(sheet.id);
-  const auto of_material = gains_.material_db.find(sheet.material->pack().material);
-  const double db = gains_.session_db + gains_.kind_db[static_cast<std::size_t>(kind)] +
-                    (of_sheet == gains_.sheet_db.end() ? 0.0 : of_sheet->second) +
-                    (of_material == gains_.material_db.end() ? 0.0 : of_material->second);
-  return static_cast<float>(dsp::db_to_gain(std::clamp(db, -200.0, 60.0)));
+void Planner::tell_places() {
+  std::vector<spatial::Plane> planes;
+  for (const PlaneSlot& slot : slots_) {
+    if (slot.used) planes.push_back(slot.plane);
+  }
+  for (const auto& model : models_) model->place(listener_, planes);
+}
+
+float Planner::bus_gain(const SheetPlan& sheet, SoundKind kind) const {
+  return static_cast<float>(dsp::db_to_gain(gain_db_of(gains_, sheet.id, kind, sheet.material->pack().material)));
 }
 
 void Planner::send_gains(const SheetPlan& sheet, SampleTime start, SampleTime end, std::vector<Cue>& out) {
-  for (int kind = 0; kind < kSoundKinds; ++kind) {
-    const Bus bus = bus_of(sheet.index, static_cast<SoundKind>(kind));
+  for (const SoundKind kind : {SoundKind::kCrumpling, SoundKind::kFriction, SoundKind::kTearing}) {
+    const Bus bus = bus_of(sheet.index, kind);
     const float gain = bus_gain(sheet, kind);
     const auto [sent, fresh] = sent_gains_.try_emplace(bus, 1.0F);
     if (sent->second == gain) continue;
@@ -147,9 +230,14 @@ void Planner::send_gains(const SheetPlan& sheet, SampleTime start, SampleTime en
   }
 }
 
-void Planner::gains(const Gains& gains, SampleTime time, std::vector<Cue>& out) {
-  gains_ = gains;
+void Planner::gains(std::vector<Gain> gains, SampleTime time, std::vector<Cue>& out) {
+  gains_ = std::move(gains);
   for (const auto& [id, sheet] : sheets_) send_gains(sheet, time, time + samples(kGainRamp_s), out);
+}
+
+void Planner::economize(int joined_slots, int most_voices, SampleTime time, std::vector<Cue>& out) {
+  bursts_.join_slots(joined_slots);
+  out.emplace_back(VoiceLimitCue{time, most_voices});
 }
 
 void Planner::quieten(sheet::SheetId id, SampleTime time, std::vector<Cue>& out) {
@@ -161,6 +249,7 @@ void Planner::quieten(sheet::SheetId id, SampleTime time, std::vector<Cue>& out)
 void Planner::end_sheet(sheet::SheetId id, SampleTime time, std::vector<Cue>& out) {
   quieten(id, time, out);
   sheets_.erase(id);
+  see_who_uses_materials();
 }
 
 PlanCounters Planner::counters() const {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "server/spatial/listener.h"
 #include "server/synthesis/cue.h"
 #include "server/synthesis/dense_bursts.h"
+#include "server/synthesis/gain.h"
 #include "server/synthesis/material.h"
 #include "server/synthesis/sound_model.h"
 
@@ -27,15 +29,8 @@ struct SheetSetup {
   int index = 0;  ///< its place among the buses, 0 .. max_sheets - 1
   std::shared_ptr<const pack::SoundPack> pack;
   std::map<std::string, std::shared_ptr<const pack::SoundPack>> by_surface;
-  bool fine_events = true;  ///< below what the mesh shows (P13)
-};
-
-/// Gains in dB on top of the packs' levels; a bus has the sum of those that concern it.
-struct Gains {
-  double session_db = 0;
-  std::array<double, kSoundKinds> kind_db{};
-  std::map<sheet::SheetId, double> sheet_db;
-  std::map<std::string, double> material_db;
+  bool fine_events = true;                     ///< below what the mesh shows (P13)
+  std::optional<double> grammage_kg_per_m2{};  ///< absent: the pack's
 };
 
 struct IdentifiedPlane {
@@ -47,8 +42,8 @@ struct IdentifiedPlane {
 ///
 /// `earliest` is everywhere the promise already given to the render side: no cue starts before it. Times become samples by
 /// round((time - origin) · rate). Random choices are seeded by (session seed, sheet, event), so cues do not depend on when
-/// things come. Cues point into packs and into tables made from them: a planner keeps both for its whole life, and must
-/// outlive the mixer that plays its cues.
+/// things come. Cues point into packs and into tables made from them: a planner keeps both until forget_silent() lets go of
+/// them, and must outlive the mixer that plays its cues.
 class Planner {
  public:
   explicit Planner(const PlanOptions& options);
@@ -56,9 +51,14 @@ class Planner {
   Planner(const Planner&) = delete;
   Planner& operator=(const Planner&) = delete;
 
-  /// Adds a sheet, or gives it another pack; its buses take the gains in force at once.
-  /// \pre every pack is loaded at options.rate_hz
+  /// Adds a sheet, or gives it another pack; its buses take the gains in force at once. What sounds goes on as it began,
+  /// what begins has the new pack, friction goes over to it with the next observation. \pre every pack is loaded at
+  /// options.rate_hz
   void add_sheet(const SheetSetup& setup, SampleTime earliest, std::vector<Cue>& out);
+
+  /// The sheet touches cloth of another material, whose sounds are these (C9), until it is added anew. \pre pack is of
+  /// cloth, at options.rate_hz
+  void add_partner(sheet::SheetId id, const std::string& material, const std::shared_ptr<const pack::SoundPack>& pack);
 
   /// What the sheet did. Friction becomes cues at once; crumpling waits for `release`, so that what continues an event can
   /// still join it. An unknown sheet is ignored.
@@ -68,13 +68,30 @@ class Planner {
   /// To be called before `until` is promised to the render side.
   void release(SampleTime until, std::vector<Cue>& out);
 
+  /// Sound before `until` is about to be promised or rendered, whatever is still to come: cloth, which looks ahead, goes on
+  /// as it is as far as is needed for it.
+  void complete(SampleTime until, std::vector<Cue>& out);
+  /// No cue of the sheet that plan() hands out will start before this sample: cloth looks ahead.
+  SampleTime settled(sheet::SheetId id) const;
+  /// How much later than its own time the sound of frames at 60 a second or more is settled, for the sheets there are: 0
+  /// without cloth (C5). Where sound follows the clock, all sheets are heard so much later.
+  SampleTime latency() const;
+
   /// The listener is there at time_s; it moves there from the time of its last pose.
   void listener(const spatial::Listener& listener, double time_s, SampleTime earliest, std::vector<Cue>& out);
 
   /// All reflecting planes at time_s, known by their ids; those that are new fade in, those that are missing fade out.
   void planes(std::span<const IdentifiedPlane> planes, double time_s, SampleTime earliest, std::vector<Cue>& out);
 
-  void gains(const Gains& gains, SampleTime time, std::vector<Cue>& out);
+  /// All gains in force from `time` on; buses go there within kGainRamp_s.
+  void gains(std::vector<Gain> gains, SampleTime time, std::vector<Cue>& out);
+
+  /// From `time` on dense bursts are merged over so many slots as one, and at most so many units sound at a time.
+  void economize(int joined_slots, int most_voices, SampleTime time, std::vector<Cue>& out);
+
+  /// Lets go of packs that no sheet has any more, once their last sound has died away. `settled`: all cues that were handed
+  /// out have reached the mixer, and sound before this sample has been rendered.
+  void forget_silent(SampleTime settled);
 
   /// What sustains of the sheet ends within 20 ms; its next observation starts it anew.
   void quieten(sheet::SheetId id, SampleTime time, std::vector<Cue>& out);
@@ -94,19 +111,28 @@ class Planner {
   struct Motion {
     SampleTime start = 0, end = 0;
   };
+  struct KnownMaterial {
+    std::unique_ptr<Material> material;
+    bool in_use = true;               ///< some sheet has it
+    SampleTime planned_until = 0;     ///< not in use: no cue of it starts later
+    std::optional<SampleTime> until;  ///< not in use: the last of it has sounded by then; absent: not all cues are there yet
+  };
 
   const Material* material(const std::shared_ptr<const pack::SoundPack>& pack);
-  float bus_gain(const SheetPlan& sheet, int kind) const;
+  void see_who_uses_materials();
+  void tell_places();
+  float bus_gain(const SheetPlan& sheet, SoundKind kind) const;
   void send_gains(const SheetPlan& sheet, SampleTime start, SampleTime end, std::vector<Cue>& out);
   Motion motion(double time_s, SampleTime previous, SampleTime earliest) const;
   SampleTime samples(double duration_s) const;
 
   PlanOptions options_;
   std::vector<std::unique_ptr<PlanModel>> models_;
-  std::vector<std::unique_ptr<Material>> materials_;
+  std::vector<KnownMaterial> materials_;
   std::map<sheet::SheetId, SheetPlan> sheets_;
   std::map<Bus, float> sent_gains_;
-  Gains gains_;
+  std::vector<Gain> gains_;
+  SampleTime planned_until_ = 0;  ///< no cue that was handed out or waits starts later
   bool placed_ = false;
   spatial::Listener listener_;
   SampleTime listener_time_ = 0;

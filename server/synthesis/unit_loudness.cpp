@@ -17,4 +17,11 @@ const UnitLoudness::Figures& UnitLoudness::of(const float* unit, std::uint32_t s
   return known->second;
 }
 
+void UnitLoudness::forget(const Material& material) {
+  if (const auto& crumpling = material.pack().crumpling) {
+    for (const pack::Unit& unit : crumpling->units) known_.erase(unit.samples.data());
+  }
+  for (const auto& slip : material.slips()) known_.erase(slip.data());
+}
+
 }  // namespace rustle::synthesis

@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <map>
 
+#include "server/synthesis/material.h"
+
 namespace rustle::synthesis {
 
 /// Energy and peak of crumpling units, worked out once each. [analysis worker]
@@ -12,8 +14,10 @@ class UnitLoudness {
     double energy = 0;  ///< Σ x²
     double peak = 0;    ///< max |x|
   };
-  /// \pre the same pointer always means the same samples
+  /// \pre the same pointer always means the same samples, until forget()
   const Figures& of(const float* unit, std::uint32_t samples);
+  /// The material's units and slips are about to go.
+  void forget(const Material& material);
 
  private:
   std::map<const float*, Figures> known_;  // looked up only, never run through

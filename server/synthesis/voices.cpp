@@ -10,7 +10,9 @@
 #include "server/sheet/simd.h"
 #include "server/synthesis/ear_filters.h"
 #include "server/synthesis/emitter_motion.h"
+#include "server/synthesis/emitter_sounds.h"
 #include "server/synthesis/interpolation.h"
+#include "sound_db/dsp/random.h"
 
 namespace rustle::synthesis {
 namespace {
@@ -68,6 +70,7 @@ struct SettledVoice {
 /// What a voice is asked for only when something moves or changes.
 struct VoicePlace {
   std::uint64_t event = 0;
+  std::uint16_t resonator = 0;
   spatial::Emitter emitter;
   Taps taps;
   Arrivals arrivals;
@@ -109,17 +112,16 @@ class TapList {
     std::size_t from, to;
   };
   Run run_in(Bus bus, std::size_t from, std::size_t end) const noexcept {
+    constexpr std::size_t kAtOnce = 32;
     std::size_t to = from;
+    for (int others = 0; to + kAtOnce <= end && others == 0; to += others == 0 ? kAtOnce : 0) {
+      for (std::size_t k = 0; k < kAtOnce; ++k) others |= buses_[to + k] ^ bus;
+    }
     while (to < end && buses_[to] == bus) ++to;
     return {from, to};
   }
   Bus bus(std::size_t at) const noexcept { return buses_[at]; }
-  std::span<const T> taps(Run run) const noexcept { return std::span(taps_).subspan(run.from, run.to - run.from); }
-
-  /// The taps of a run, a quantum on.
-  void advance(Run run) noexcept {
-    for (std::size_t k = run.from; k < run.to; ++k) taps_[k].x += kQuantum;
-  }
+  std::span<T> taps(Run run) noexcept { return std::span(taps_).subspan(run.from, run.to - run.from); }
 
  private:
   std::vector<T> taps_;
@@ -229,7 +231,8 @@ class Voices final : public RenderModel {
  public:
   explicit Voices(const RenderOptions& options)
       : channels_(static_cast<std::size_t>(options.channels())),
-        limit_(options.max_voices),
+        most_(options.max_voices),
+        limit_(most_),
         rate_hz_(options.rate_hz),
         ramp_quanta_(std::max(1, static_cast<int>(std::ceil(kVoiceRamp_s * options.rate_hz / kQuantum)))),
         slots_(static_cast<std::size_t>(options.max_voices + kFadingVoices)),
@@ -264,12 +267,16 @@ class Voices final : public RenderModel {
       } else {
         ++unusable_;
       }
+    } else if (const auto* limit = std::get_if<VoiceLimitCue>(&cue)) {
+      limit_ = std::min(limit->most, most_);
     }
   }
 
   void render(const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept override {
+    while (sounding_ > limit_ && fading_ < kFadingVoices) steal(quantum_start);
     judged_ = false;
     motions_.advance(quantum_start);
+    if (out.emitters) give_off(quantum_start, *out.emitters);
     if (sounding_ + fading_ > 0) render_voices(scene, quantum_start, out);
     if (ears_) ears_->render(out);
   }
@@ -284,6 +291,34 @@ class Voices final : public RenderModel {
   }
 
  private:
+  /// A voice's gain at the quantum's end.
+  static float next_gain(const Voice& voice) noexcept {
+    const float next = voice.gain + voice.step;
+    return voice.step != 0 && std::abs(voice.goal - next) < 0.5F * std::abs(voice.step) ? voice.goal : next;
+  }
+
+  /// An event's resonator is an emitter; the slips of a friction source come from that.
+  static std::uint64_t emitter_of(const Voice& voice, const VoicePlace& place) noexcept {
+    if (kind_of(voice.bus) == SoundKind::kFriction) return place.event;
+    return dsp::hash(dsp::hash(voice.bus, place.event), place.resonator);
+  }
+
+  /// Every voice by itself and where it is, before anything moves.
+  void give_off(SampleTime quantum_start, EmitterSounds& emitters) const noexcept {
+    slots_.each([&](std::size_t slot) {
+      const Voice& voice = voices_[slot];
+      const SampleTime age = quantum_start - voice.onset;
+      const SampleTime from = std::clamp<SampleTime>(-age, 0, kQuantum);
+      const SampleTime to = std::clamp<SampleTime>(voice.unit_samples - age, 0, kQuantum);
+      if (from >= to) return;
+      float* samples = emitters.add_to(emitter_of(voice, places_[slot]), voice.bus, places_[slot].emitter);
+      if (!samples) return;
+      const float slope = (next_gain(voice) - voice.gain) / kQuantum;
+      for (SampleTime n = from; n < to; ++n)
+        samples[n] += (voice.gain + slope * static_cast<float>(n)) * voice.unit[age + n];
+    });
+  }
+
   void render_voices(const SceneSpan& scene, SampleTime quantum_start, const BusSamples& out) noexcept {
     if (scene.moves || motions_.any()) {
       slots_.each([&](std::size_t slot) { unlist(slot); });
@@ -315,8 +350,6 @@ class Voices final : public RenderModel {
       const auto whole_run = whole.run_in(bus, w, whole_end);
       const auto still_run = still.run_in(bus, s, still_end);
       add_taps(whole.taps(whole_run), still.taps(still_run), out.add_to(bus, static_cast<int>(channel)));
-      whole.advance(whole_run);
-      still.advance(still_run);
       w = whole_run.to;
       s = still_run.to;
     }
@@ -343,6 +376,7 @@ class Voices final : public RenderModel {
     unlisted_.take(slot);
     settled_[slot].valid = settled_[slot].listed = false;
     places_[slot].event = cue.event;
+    places_[slot].resonator = cue.resonator;
     places_[slot].emitter = cue.emitter;
     voice.last_age = voice.unit_samples + place(cue.emitter, scene.before, places_[slot].taps, places_[slot].arrivals);
     ++sounding_;
@@ -358,26 +392,25 @@ class Voices final : public RenderModel {
 
   /// The taps of an emitter in a scene; for ears with where they come from. Returns how much later than the unit the last of
   /// them is over, in samples.
-  SampleTime place(const spatial::Emitter& emitter, const AcousticScene& scene, Taps& taps,
-                   Arrivals& arrivals) const noexcept {
-    std::array<spatial::Path, kPaths> ways;
+  SampleTime place(const spatial::Emitter& emitter, const AcousticScene& scene, Taps& taps, Arrivals& arrivals) noexcept {
     const double limit = kMaxDelay_s * rate_hz_;
     Position latest = 0;
     for (std::size_t c = 0; c < channels_; ++c) {
       const std::size_t count =
-          spatial::paths(emitter, scene.receivers[c], scene.listener.position_m, scene.used_planes(), ways);
+          spatial::paths(emitter, scene.receivers[c], scene.listener.position_m, scene.used_planes(), ways_);
+      most_paths_ = std::max(most_paths_, count);
       for (std::size_t p = 0; p < count; ++p) {
-        double delay_s = ways[p].delay_s;
+        double delay_s = ways_[p].delay_s;
         if (ears_) {
-          if (c == 0) arrivals[p] = ears_->hrtf().place(spatial::head_coordinates(scene.listener, ways[p].arrival_m));
+          if (c == 0) arrivals[p] = ears_->hrtf().place(spatial::head_coordinates(scene.listener, ways_[p].arrival_m));
           delay_s += ears_->hrtf().delay_s(arrivals[p], static_cast<int>(c));
         }
         const double delay = std::clamp(delay_s * rate_hz_, -limit, limit);
-        taps[c][p] = {static_cast<float>(ways[p].gain),
+        taps[c][p] = {static_cast<float>(ways_[p].gain),
                       static_cast<Position>(std::nearbyint(delay * static_cast<double>(kWholeSample)))};
         latest = std::max(latest, taps[c][p].delay);
       }
-      for (std::size_t p = count; p < kPaths; ++p) taps[c][p] = {};
+      for (std::size_t p = count; p < most_paths_; ++p) taps[c][p] = {};
     }
     return (latest >> 32) + 1 + kReach;
   }
@@ -388,7 +421,7 @@ class Voices final : public RenderModel {
     settled.valid = true;
     settled.count = 0;
     for (std::size_t c = 0; c < channels_; ++c) {
-      for (std::size_t p = 0; p < kPaths; ++p) {
+      for (std::size_t p = 0; p < most_paths_; ++p) {
         const Tap& tap = places_[slot].taps[c][p];
         const float gain = voice.gain * tap.gain;
         if (std::abs(gain) < kInaudible) continue;
@@ -472,7 +505,7 @@ class Voices final : public RenderModel {
       const SettledTap& tap = settled.taps[k];
       const SampleTime low = age + tap.offset;
       if (low + kReadings <= 0 || low >= voice.unit_samples) continue;
-      const StillTap still{window.of(voice, low, kReadings), tap.weights_gain};
+      StillTap still{window.of(voice, low, kReadings), tap.weights_gain};
       const spatial::Hrtf::Place& from = places_[slot].arrivals[settled.path[k]];
       deliver(voice.bus, settled.channel[k], from, from, out,
               [&](float* samples) { add_taps({}, std::span(&still, 1), samples); });
@@ -484,20 +517,13 @@ class Voices final : public RenderModel {
     VoicePlace& place_now = places_[slot];
     unsettle(slot);
     const float gain0 = voice.gain;
-    float gain1 = gain0 + voice.step;
-    if (voice.step != 0 && std::abs(voice.goal - gain1) < 0.5F * std::abs(voice.step)) {
-      gain1 = voice.goal;
-      voice.step = 0;
-    }
+    const float gain1 = next_gain(voice);
+    if (gain1 == voice.goal) voice.step = 0;
     const bool carried = motions_.moves(voice.bus);
     if (carried) place_now.emitter = motions_.moved(voice.bus, place_now.emitter);
     const bool moves = scene.moves || carried;
-    Taps next;
-    if (moves) {
-      voice.last_age = voice.unit_samples + place(place_now.emitter, scene.after, next, arrivals_);
-    } else {
-      next = place_now.taps;
-    }
+    if (moves) voice.last_age = voice.unit_samples + place(place_now.emitter, scene.after, next_, arrivals_);
+    const Taps& next = moves ? next_ : place_now.taps;
     const Arrivals& arrivals = moves ? arrivals_ : place_now.arrivals;
     const std::size_t paths = 1 + static_cast<std::size_t>(scene.after.plane_count);
     for (std::size_t c = 0; c < channels_; ++c) {
@@ -511,7 +537,8 @@ class Voices final : public RenderModel {
                 [&](float* samples) { add_path(voice, age, from, to, samples); });
       }
     }
-    place_now.taps = next;
+    for (std::size_t c = 0; moves && c < channels_; ++c)
+      std::copy_n(next_[c].begin(), most_paths_, place_now.taps[c].begin());
     if (ears_ && moves) place_now.arrivals = arrivals_;
     voice.gain = gain1;
     if (voice.fading && voice.step == 0) end(slot);
@@ -529,7 +556,7 @@ class Voices final : public RenderModel {
     const int count = std::min(voice.unit_samples - from, static_cast<int>(kGlance_s * rate_hz_));
     float heard = 0;
     for (std::size_t c = 0; c < channels_; ++c) {
-      for (const Tap& tap : places_[slot].taps[c]) heard = std::max(heard, std::abs(tap.gain));
+      for (std::size_t p = 0; p < most_paths_; ++p) heard = std::max(heard, std::abs(places_[slot].taps[c][p].gain));
     }
     const double gain = static_cast<double>(heard) * static_cast<double>(voice.goal);
     return static_cast<double>(energy(voice.unit + from, count)) * gain * gain;
@@ -554,7 +581,8 @@ class Voices final : public RenderModel {
   }
 
   std::size_t channels_;
-  int limit_;
+  int most_;
+  int limit_;  ///< in force, most_ at most
   double rate_hz_;
   int ramp_quanta_;
   Slots slots_;
@@ -569,7 +597,10 @@ class Voices final : public RenderModel {
   std::vector<double> loudness_;  ///< of each voice, valid within a quantum once judged_
   EmitterMotions motions_;
   std::optional<EarFilters> ears_;  ///< where the layout is binaural
-  Arrivals arrivals_;               ///< of the voice that moves, at the quantum's end
+  std::size_t most_paths_ = 0;      ///< that any voice has had: its taps beyond are silent
+  std::array<spatial::Path, kPaths> ways_;
+  Taps next_{};        ///< of the voice that moves, at the quantum's end
+  Arrivals arrivals_;  ///< likewise
   bool judged_ = false;
   int sounding_ = 0;
   int fading_ = 0;
