@@ -36,10 +36,15 @@ void for_each_figure(Figure&& figure) {
   RUSTLE_FIGURE(samples_limited);
   RUSTLE_FIGURE(samples_not_finite);
   RUSTLE_FIGURE(voices_merged);
+  RUSTLE_FIGURE(emitter_samples_left_out);
   RUSTLE_FIGURE(frames_late);
   RUSTLE_FIGURE(time_jumps);
   RUSTLE_FIGURE(input_gaps);
   RUSTLE_FIGURE(samples_in_input_gaps);
+  RUSTLE_FIGURE(pcm_gaps);
+  RUSTLE_FIGURE(deadline_misses);
+  RUSTLE_FIGURE(late_by_run_delay);
+  RUSTLE_FIGURE(events_joined);
 #undef RUSTLE_FIGURE
 }
 

@@ -6,12 +6,12 @@
 #include "rustle/v1/session.pb.h"
 #include "server/wire/decode.h"
 #include "server/wire/fields.h"
+#include "server/wire/gains.h"
 #include "server/wire/session_options.h"
 
 namespace rustle::wire {
 namespace {
 
-using synthesis::SoundKind;
 using Body = decltype(ControlRequest::body);
 
 tl::expected<Body, Error> decode_attach(const v1::Attach& sent, const Limits& limits) {
@@ -34,38 +34,9 @@ tl::expected<Body, Error> decode_attach(const v1::Attach& sent, const Limits& li
 }
 
 tl::expected<Body, Error> decode_gains(const v1::SetGains& sent, const Limits& limits) {
-  if (static_cast<std::size_t>(sent.gains_size()) > limits.gains)
-    return refuse(ErrorCode::kTooLarge, "set_gains.gains",
-                  fmt::format("{} gains are sent; at most {} are taken.", sent.gains_size(), limits.gains),
-                  "Send one gain for each sheet, kind and material.");
-  SetGainsRequest out;
-  for (const v1::Gain& sent_gain : sent.gains()) {
-    const std::string field = fmt::format("set_gains.gains[{}]", out.gains.size());
-    if (const auto good = check_range(sent_gain.gain_db(), -200, 60, field + ".gain_db", "dB"); !good)
-      return tl::unexpected(good.error());
-    if (const auto good = check_text(sent_gain.material(), field + ".material", limits); !good)
-      return tl::unexpected(good.error());
-    Gain gain{.gain_db = sent_gain.gain_db(), .sheet_id = {}, .kind = {}, .material = sent_gain.material()};
-    if (sent_gain.has_sheet_id()) gain.sheet_id = sent_gain.sheet_id();
-    switch (sent_gain.kind()) {
-      case v1::SOUND_KIND_UNSPECIFIED:
-        break;
-      case v1::SOUND_KIND_CRUMPLING:
-        gain.kind = SoundKind::kCrumpling;
-        break;
-      case v1::SOUND_KIND_FRICTION:
-        gain.kind = SoundKind::kFriction;
-        break;
-      case v1::SOUND_KIND_TEARING:
-        gain.kind = SoundKind::kTearing;
-        break;
-      default:
-        return refuse(ErrorCode::kUnsupported, field + ".kind", fmt::format("The kind is {}.", int{sent_gain.kind()}),
-                      "Choose crumpling, friction or tearing, or leave it out for all.");
-    }
-    out.gains.push_back(std::move(gain));
-  }
-  return out;
+  auto gains = gains_from_wire(sent.gains(), "set_gains.gains", limits);
+  if (!gains) return tl::unexpected(std::move(gains.error()));
+  return SetGainsRequest{std::move(*gains)};
 }
 
 tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const Limits& limits) {
@@ -96,6 +67,9 @@ tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const L
         return tl::unexpected(good.error());
       if (const auto good = check_text(change.touched_surface(), "change_pack.touched_surface", limits); !good)
         return tl::unexpected(good.error());
+      if (change.material().empty() && change.touched_surface().empty())
+        return refuse(ErrorCode::kMalformed, "change_pack.material", "Neither a material nor a touched surface is named.",
+                      "Name the material whose pack the sheet is to get.");
       return ChangePackRequest{change.sheet_id(), change.material(), change.touched_surface()};
     }
     case v1::ControlRequest::kReloadPack:
@@ -117,27 +91,35 @@ tl::expected<Body, Error> decode_body(const v1::ControlRequest& request, const L
                 "Set one of ControlRequest's requests, or bring the daemon up to date.");
 }
 
-void write(const Gain& gain, v1::Gain* out) {
-  out->set_gain_db(gain.gain_db);
-  if (gain.sheet_id) out->set_sheet_id(*gain.sheet_id);
-  if (gain.kind) switch (*gain.kind) {
-      case SoundKind::kCrumpling:
-        out->set_kind(v1::SOUND_KIND_CRUMPLING);
-        break;
-      case SoundKind::kFriction:
-        out->set_kind(v1::SOUND_KIND_FRICTION);
-        break;
-      case SoundKind::kTearing:
-        out->set_kind(v1::SOUND_KIND_TEARING);
-        break;
-    }
-  out->set_material(gain.material);
-}
-
 void write(const Statistics& statistics, v1::Statistics* out) {
   out->set_session_id(statistics.session_id);
   for (const auto& [cause, count] : statistics.frames_dropped) (*out->mutable_frames_dropped())[cause] = count;
   v1::for_each_figure<Statistics>([&](const char*, auto member, auto, auto set) { (out->*set)(statistics.*member); });
+}
+
+void write(const ServerStatistics& statistics, v1::ServerStatistics* out) {
+  out->set_uptime_s(statistics.uptime_s);
+  out->set_cpu_s(statistics.cpu_s);
+  out->set_sessions(statistics.sessions);
+  for (const ThreadStatistics& thread : statistics.threads) {
+    v1::ThreadStatistics* told = out->add_threads();
+    told->set_name(thread.name);
+    told->set_cpu_s(thread.cpu_s);
+    told->set_waited_s(thread.waited_s);
+    told->set_count(thread.count);
+  }
+  if (!statistics.playback) return;
+  const PlaybackStatistics& playback = *statistics.playback;
+  v1::PlaybackStatistics* told = out->mutable_playback();
+  told->set_device(playback.device);
+  told->set_rate_hz(playback.rate_hz);
+  told->set_samples_played(playback.samples_played);
+  told->set_samples_missed(playback.samples_missed);
+  told->set_devices_opened(playback.devices_opened);
+  told->set_devices_lost(playback.devices_lost);
+  told->set_samples_in_gaps(playback.samples_in_gaps);
+  told->set_samples_left_out(playback.samples_left_out);
+  told->set_splices(playback.splices);
 }
 
 void write(const PackInfo& pack, v1::PackInfo* out) {
@@ -152,23 +134,24 @@ void write(const PackInfo& pack, v1::PackInfo* out) {
   for (const std::string& model : pack.models) out->add_models(model);
 }
 
+void write(const Error& error, v1::Error* out) {
+  out->set_code(static_cast<v1::ErrorCode>(error.code));
+  out->set_field(error.field);
+  out->set_message(error.message);
+  out->set_remedy(error.remedy);
+  out->set_sequence(error.sequence);
+  if (error.quota) {
+    out->mutable_quota()->set_name(error.quota->name);
+    out->mutable_quota()->set_limit(error.quota->limit);
+    out->mutable_quota()->set_asked(error.quota->asked);
+  }
+  out->set_permission(error.permission);
+}
+
 struct AddReply {
   v1::ControlReply& reply;
 
-  void operator()(const Error& error) const {
-    v1::Error* out = reply.mutable_error();
-    out->set_code(static_cast<v1::ErrorCode>(error.code));
-    out->set_field(error.field);
-    out->set_message(error.message);
-    out->set_remedy(error.remedy);
-    out->set_sequence(error.sequence);
-    if (error.quota) {
-      out->mutable_quota()->set_name(error.quota->name);
-      out->mutable_quota()->set_limit(error.quota->limit);
-      out->mutable_quota()->set_asked(error.quota->asked);
-    }
-    out->set_permission(error.permission);
-  }
+  void operator()(const Error& error) const { write(error, reply.mutable_error()); }
   void operator()(const Welcome& welcome) const {
     v1::Welcome* out = reply.mutable_welcome();
     out->set_protocol_version(kProtocolVersion);
@@ -187,15 +170,17 @@ struct AddReply {
       out->mutable_credit()->set_window_messages(attached.credit->window_messages);
       out->mutable_credit()->set_window_bytes(attached.credit->window_bytes);
     }
+    out->set_recording_file_name(attached.recording_file_name);
   }
   void operator()(const Detached& detached) const {
     write(detached.statistics, reply.mutable_detached()->mutable_statistics());
   }
   void operator()(const GainsSet& set) const {
     v1::GainsSet* out = reply.mutable_gains_set();
-    for (const Gain& gain : set.gains) write(gain, out->add_gains());
+    for (const Gain& gain : set.gains) to_wire(gain, out->add_gains());
   }
   void operator()(const Statistics& statistics) const { write(statistics, reply.mutable_statistics()); }
+  void operator()(const ServerStatistics& statistics) const { write(statistics, reply.mutable_server_statistics()); }
   void operator()(const PackList& list) const {
     v1::PackList* out = reply.mutable_pack_list();
     for (const PackInfo& pack : list.packs) write(pack, out->add_packs());
@@ -219,6 +204,11 @@ struct AddReply {
       info->set_clock(session.clock == session::Clock::kLive ? v1::CLOCK_LIVE : v1::CLOCK_SIMULATION);
       info->set_sheets(session.sheets);
       info->set_newest_time_s(session.newest_time_s);
+      if (session.recording) {
+        info->mutable_recording()->set_file_name(session.recording->file_name);
+        info->mutable_recording()->set_messages(session.recording->messages);
+        info->mutable_recording()->set_bytes(session.recording->bytes);
+      }
     }
   }
 };
@@ -245,11 +235,25 @@ tl::expected<ControlRequest, ControlError> decode_control(std::span<const std::b
   return ControlRequest{.request_id = request.request_id(), .session_id = request.session_id(), .body = std::move(*body)};
 }
 
+std::string encode_error(const Error& error) {
+  v1::Error message;
+  write(error, &message);
+  return message.SerializeAsString();
+}
+
 std::string encode_reply(std::uint64_t request_id, const ControlReply& reply) {
   v1::ControlReply out;
   out.set_request_id(request_id);
   std::visit(AddReply{out}, reply);
   return out.SerializeAsString();
+}
+
+std::vector<NamedNumber> numbers_of(const Statistics& statistics) {
+  std::vector<NamedNumber> out;
+  v1::for_each_figure<Statistics>([&](const char* name, auto member, auto, auto) {
+    out.push_back({name, statistics.*member});
+  });
+  return out;
 }
 
 }  // namespace rustle::wire

@@ -13,7 +13,7 @@
 
 #include "server/engine/stream_item.h"
 #include "server/session/session_options.h"
-#include "server/synthesis/cue.h"
+#include "server/synthesis/gain.h"
 #include "server/wire/encode.h"
 #include "server/wire/error.h"
 #include "server/wire/limits.h"
@@ -21,13 +21,7 @@
 /// What is asked and answered on the control socket, as plain data. Pure; any thread.
 namespace rustle::wire {
 
-/// A sound's level is the product of all gains that match it.
-struct Gain {
-  double gain_db = 0;                        ///< -200 to 60
-  std::optional<std::uint32_t> sheet_id;     ///< absent: every sheet
-  std::optional<synthesis::SoundKind> kind;  ///< absent: every kind
-  std::string material;                      ///< empty: every material
-};
+using synthesis::Gain;
 
 struct HelloRequest {
   std::string client;
@@ -42,13 +36,13 @@ struct DetachRequest {
   std::uint64_t last_sequence = 0;  ///< of the stream; 0: not told
 };
 struct SetGainsRequest {
-  std::vector<Gain> gains;
+  std::vector<Gain> gains;  ///< changes to those in force
 };
 struct GetStatisticsRequest {};
 struct ListPacksRequest {};
 struct ChangePackRequest {
   std::uint32_t sheet_id = 0;
-  std::string material, touched_surface;
+  std::string material, touched_surface;  ///< empty: as it is; one of them is not
 };
 struct ReloadPackRequest {
   std::string name;  ///< empty: all
@@ -88,6 +82,7 @@ struct Attached {
   std::string session_id;
   session::SessionOptions options;   ///< as in force
   std::optional<FlowCredit> credit;  ///< simulation clock: the first window
+  std::string recording_file_name;   ///< where the session is recorded
 };
 /// As session.proto says of each.
 struct Statistics {
@@ -120,10 +115,41 @@ struct Statistics {
   std::uint64_t samples_limited = 0;
   std::uint64_t samples_not_finite = 0;
   std::uint64_t voices_merged = 0;
+  std::uint64_t emitter_samples_left_out = 0;
   std::uint64_t frames_late = 0;
   std::uint64_t time_jumps = 0;
   std::uint64_t input_gaps = 0;
   std::uint64_t samples_in_input_gaps = 0;
+  std::uint64_t pcm_gaps = 0;
+  std::uint64_t deadline_misses = 0;
+  std::uint64_t late_by_run_delay = 0;
+  std::uint64_t events_joined = 0;
+};
+/// Every number of Statistics with its name in session.proto, in the order of its list.
+struct NamedNumber {
+  const char* name;
+  std::variant<std::uint64_t, double> value;
+};
+[[nodiscard]] std::vector<NamedNumber> numbers_of(const Statistics& statistics);
+
+/// As session.proto says of each.
+struct ThreadStatistics {
+  std::string name;
+  std::uint64_t count = 0;
+  double cpu_s = 0, waited_s = 0;
+};
+struct PlaybackStatistics {
+  std::string device;
+  std::uint32_t rate_hz = 0;
+  std::uint64_t samples_played = 0, samples_missed = 0;
+  std::uint64_t devices_opened = 0, devices_lost = 0;
+  std::uint64_t samples_in_gaps = 0, samples_left_out = 0, splices = 0;
+};
+struct ServerStatistics {
+  double uptime_s = 0, cpu_s = 0;
+  std::uint32_t sessions = 0;
+  std::vector<ThreadStatistics> threads;
+  std::optional<PlaybackStatistics> playback;
 };
 struct Detached {
   Statistics statistics;
@@ -152,19 +178,27 @@ struct RecordingStopped {
   std::uint64_t messages = 0;
   std::uint64_t bytes = 0;
 };
+struct RecordingProgress {
+  std::string file_name;
+  std::uint64_t messages = 0;  ///< in the file so far
+  std::uint64_t bytes = 0;
+};
 struct SessionInfo {
   std::string session_id, name;
   session::Clock clock = session::Clock::kLive;
   std::uint32_t sheets = 0;
   double newest_time_s = 0;
+  std::optional<RecordingProgress> recording;
 };
 struct SessionList {
   std::vector<SessionInfo> sessions;
 };
 
 using ControlReply = std::variant<Error, Welcome, Attached, Detached, GainsSet, Statistics, PackList, PackChanged,
-                                  RecordingStarted, RecordingStopped, SessionList>;
+                                  RecordingStarted, RecordingStopped, SessionList, ServerStatistics>;
 
 [[nodiscard]] std::string encode_reply(std::uint64_t request_id, const ControlReply& reply);
+/// A serialized v1::Error, as a refused subscription is answered with.
+[[nodiscard]] std::string encode_error(const Error& error);
 
 }  // namespace rustle::wire

@@ -78,7 +78,8 @@ tl::expected<void, Error> Decoder::add_sheet(const engine::SheetDescription& she
     return refuse(ErrorCode::kTooLarge, "sheet.sheet_id",
                   fmt::format("Sheet {} would be one more than the {} a session may have.", sheet.id, limits_.sheets),
                   "Reuse sheet ids, or attach another session.");
-  sheets_[sheet.id].description = sheet;
+  KnownSheet& added = sheets_[sheet.id];
+  added.description = added.now = sheet;
   return {};
 }
 
@@ -147,6 +148,41 @@ Decoder::Item Decoder::decode_body(const StreamEnvelope& envelope) {
     }
   }
   return std::nullopt;
+}
+
+std::vector<sheet::SheetId> Decoder::sheet_ids() const {
+  std::vector<sheet::SheetId> ids;
+  for (const auto& [id, known] : sheets_) ids.push_back(id);
+  return ids;
+}
+
+const engine::SheetDescription* Decoder::find_sheet(sheet::SheetId id) const {
+  const auto known = sheets_.find(id);
+  return known == sheets_.end() ? nullptr : &known->second.now;
+}
+
+std::size_t Decoder::triangles_in_use() const {
+  std::size_t triangles = 0;
+  for (const auto& [id, known] : sheets_)
+    if (known.has_topology) triangles += topologies_.at(known.topology_id).topology->triangle_count();
+  return triangles;
+}
+
+std::size_t Decoder::triangles_in_use_with(const StreamEnvelope& frame) const {
+  const v1::MeshFrame& sent = frame.message().frame();
+  std::size_t triangles = triangles_in_use();
+  const auto next = topologies_.find(sent.topology_id());
+  const auto sheet = sheets_.find(sent.sheet_id());
+  if (next == topologies_.end() || sheet == sheets_.end()) return triangles;
+  if (sheet->second.has_topology) triangles -= topologies_.at(sheet->second.topology_id).topology->triangle_count();
+  return triangles + next->second.topology->triangle_count();
+}
+
+void Decoder::change_pack(const engine::PackChange& change) {
+  const auto known = sheets_.find(change.sheet);
+  if (known == sheets_.end()) return;
+  if (!change.material.empty()) known->second.now.material = change.material;
+  if (!change.touched_surface.empty()) known->second.now.touched_surface = change.touched_surface;
 }
 
 Decoder::Item Decoder::describe_sheet(const v1::Sheet& sent) {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -68,6 +69,17 @@ class Decoder {
   [[nodiscard]] tl::expected<Decoded, Error> decode(const StreamEnvelope& envelope);
 
   std::size_t sheet_count() const { return sheets_.size(); }
+  std::vector<sheet::SheetId> sheet_ids() const;
+  /// A sheet as described, and as changed since. Null: it was never described.
+  const engine::SheetDescription* find_sheet(sheet::SheetId id) const;
+  /// The sheet was given another material or touched surface by control; a description in the words of the last one does
+  /// not undo it.
+  void change_pack(const engine::PackChange& change);
+
+  /// Of the meshes that its sheets have now, or would have if this message, a frame, were taken.
+  std::size_t triangles_in_use() const;
+  std::size_t triangles_in_use_with(const StreamEnvelope& frame) const;
+
   std::size_t topology_count() const { return topologies_.size(); }
   std::size_t obstacle_count() const { return obstacles_.size(); }
 
@@ -75,7 +87,8 @@ class Decoder {
   using Item = tl::expected<std::optional<engine::StreamItem>, Error>;
 
   struct KnownSheet {
-    engine::SheetDescription description;
+    engine::SheetDescription description;  ///< as sent last
+    engine::SheetDescription now;          ///< and as changed since
     std::optional<double> newest_frame_s;
     std::optional<double> newest_tips_s;
     std::uint64_t topology_id = 0;

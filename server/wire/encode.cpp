@@ -62,6 +62,19 @@ struct AddContent {
   }
 };
 
+/// All of a message but its samples.
+v1::OutMessage begin_pcm(const OutHeader& header, const PcmHeader& pcm, session::UpAxis up_axis) {
+  v1::OutMessage message = begin(header);
+  v1::Pcm& out = *message.mutable_pcm();
+  out.set_first_sample(pcm.first_sample);
+  out.set_rate_hz(pcm.rate_hz);
+  out.set_channels(pcm.channels);
+  out.set_missing_samples(pcm.missing_samples);
+  out.set_time_s(pcm.time_s);
+  std::visit(AddContent{out, axes_of(up_axis)}, pcm.content);
+  return message;
+}
+
 }  // namespace
 
 std::int16_t to_s16(float sample) {
@@ -73,14 +86,9 @@ std::string encode_pcm(const OutHeader& header, const PcmHeader& pcm, std::span<
                        session::UpAxis up_axis) {
   assert(pcm.channels > 0 && interleaved.size() % pcm.channels == 0);
   assert(pcm.format != PcmFormat::kOpus);
-  v1::OutMessage message = begin(header);
+  v1::OutMessage message = begin_pcm(header, pcm, up_axis);
   v1::Pcm& out = *message.mutable_pcm();
-  out.set_first_sample(pcm.first_sample);
-  out.set_rate_hz(pcm.rate_hz);
-  out.set_channels(pcm.channels);
   out.set_samples(static_cast<std::uint32_t>(interleaved.size() / pcm.channels));
-  out.set_missing_samples(pcm.missing_samples);
-  out.set_time_s(pcm.time_s);
   std::string& data = *out.mutable_data();
   if (pcm.format == PcmFormat::kS16) {
     out.set_format(v1::SAMPLE_FORMAT_S16);
@@ -94,7 +102,17 @@ std::string encode_pcm(const OutHeader& header, const PcmHeader& pcm, std::span<
     data.resize(interleaved.size_bytes());
     if (!interleaved.empty()) std::memcpy(data.data(), interleaved.data(), interleaved.size_bytes());
   }
-  std::visit(AddContent{out, axes_of(up_axis)}, pcm.content);
+  return message.SerializeAsString();
+}
+
+std::string encode_opus(const OutHeader& header, const PcmHeader& pcm, const OpusPayload& payload, session::UpAxis up_axis) {
+  assert(pcm.format == PcmFormat::kOpus);
+  v1::OutMessage message = begin_pcm(header, pcm, up_axis);
+  v1::Pcm& out = *message.mutable_pcm();
+  out.set_format(v1::SAMPLE_FORMAT_OPUS);
+  out.set_samples(payload.samples);
+  out.set_skip_samples(payload.skip_samples);
+  out.mutable_data()->assign(payload.packet.begin(), payload.packet.end());
   return message.SerializeAsString();
 }
 

@@ -41,9 +41,9 @@ struct PcmHeader {
   std::int64_t first_sample = 0;  ///< 0 is the session's time origin
   std::uint32_t rate_hz = 0;
   std::uint32_t channels = 0;
-  PcmFormat format = PcmFormat::kF32;  ///< f32 or s16
-  std::uint64_t missing_samples = 0;   ///< lost before this message
-  double time_s = 0;                   ///< simulation time of the first sample
+  PcmFormat format = PcmFormat::kF32;
+  std::uint64_t missing_samples = 0;  ///< lost before this message
+  double time_s = 0;                  ///< simulation time of the first sample
   std::variant<MixContent, StemContent, EmitterContent> content;
 };
 
@@ -51,6 +51,16 @@ struct PcmHeader {
 /// \pre interleaved.size() is a multiple of channels; channels > 0; format is not Opus.
 [[nodiscard]] std::string encode_pcm(const OutHeader& header, const PcmHeader& pcm, std::span<const float> interleaved,
                                      session::UpAxis up_axis = session::UpAxis::kZ);
+
+/// An Opus packet, of which `skip_samples` decoded samples are dropped and then `samples` kept.
+struct OpusPayload {
+  std::span<const std::uint8_t> packet;
+  std::uint32_t samples = 0;
+  std::uint32_t skip_samples = 0;
+};
+/// \pre format is Opus
+[[nodiscard]] std::string encode_opus(const OutHeader& header, const PcmHeader& pcm, const OpusPayload& payload,
+                                      session::UpAxis up_axis = session::UpAxis::kZ);
 
 /// One sample as s16 carries it.
 [[nodiscard]] std::int16_t to_s16(float sample);

@@ -74,17 +74,18 @@ tl::expected<std::string, std::string> check_bind_endpoint(std::string_view endp
   if (!endpoint.starts_with(kTcp)) return not_an_endpoint(endpoint, flag);
   const auto parts = split_tcp(endpoint);
   if (!parts) return not_an_endpoint(endpoint, flag);
-  if (!is_loopback(parts->host))
-    return tl::unexpected(
-        fmt::format("{} {}: only this machine may be served yet, since nobody who connects is asked for a key; bind "
-                    "tcp://127.0.0.1:{} or "
-                    "an ipc:// path, and reach it from elsewhere through a tunnel (ssh -L).",
-                    flag, endpoint, parts->port == "*" ? "PORT" : parts->port));
   if (parts->port != "*" && !number_up_to(parts->port, 65'535))
     return tl::unexpected(
         fmt::format("{} {}: \"{}\" is no port; give a number from 0 to 65535.", flag, endpoint, parts->port));
   const std::string_view host = parts->host == "localhost" ? "127.0.0.1" : parts->host;
   return fmt::format("{}{}:{}", kTcp, host, parts->port);
+}
+
+bool is_local(std::string_view endpoint) {
+  if (endpoint.starts_with(kIpc)) return true;
+  if (!endpoint.starts_with(kTcp)) return false;
+  const auto parts = split_tcp(endpoint);
+  return parts && is_loopback(parts->host);
 }
 
 tl::expected<std::string, std::string> check_connect_endpoint(std::string_view endpoint, std::string_view flag) {

@@ -7,10 +7,14 @@
 
 namespace rustle::wire {
 
-/// An endpoint that may be bound: "tcp://" with a loopback address (127.0.0.0/8, [::1] or localhost) and a port ("*" lets
-/// the system choose one), or "ipc://" with a path that fits a socket address. Returns it as ZeroMQ wants it. `flag` such as
-/// "--control" is named in the error. Pure.
+/// An endpoint that can be bound: "tcp://" with an address of this machine or the name of one of its devices ("*" for all
+/// addresses) and a port ("*" lets the system choose one), or "ipc://" with a path that fits a socket address. Returns it as
+/// ZeroMQ wants it. `flag` such as "--control" is named in the error. Pure.
 [[nodiscard]] tl::expected<std::string, std::string> check_bind_endpoint(std::string_view endpoint, std::string_view flag);
+
+/// Whether only this machine reaches what is bound there: ipc, or tcp with a loopback address (127.0.0.0/8, [::1] or
+/// localhost). Pure.
+[[nodiscard]] bool is_local(std::string_view endpoint);
 
 /// An endpoint that may be connected to: "tcp://HOST:PORT" or "ipc://PATH". Pure.
 [[nodiscard]] tl::expected<std::string, std::string> check_connect_endpoint(std::string_view endpoint,

@@ -132,6 +132,11 @@ tl::expected<session::SessionOptions, Error> from_wire(const v1::SessionOptions&
     }
     out.friction_fft_size = size;
   }
+  if (options.most_voices() != 0) {
+    if (const auto good = check_range(options.most_voices(), 1, 512, field("most_voices"), "voices"); !good)
+      return tl::unexpected(good.error());
+    out.most_voices = options.most_voices();
+  }
   return out;
 }
 
@@ -171,6 +176,7 @@ void to_wire(const session::SessionOptions& options, v1::SessionOptions* out) {
   out->set_record(options.record);
   out->set_hrtf(options.hrtf);
   out->set_friction_fft_size(options.friction_fft_size);
+  out->set_most_voices(options.most_voices);
 }
 
 }  // namespace rustle::wire

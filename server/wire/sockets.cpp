@@ -11,9 +11,14 @@
 #include <unistd.h>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <zmq.h>
 
+#include "server/wire/authenticator.h"
+#include "server/wire/control.h"
 #include "server/wire/endpoint.h"
+#include "server/wire/listeners.h"
+#include "server/wire/socket.h"
 #include "server/wire/topics.h"
 
 namespace rustle::wire {
@@ -25,72 +30,12 @@ zmq_msg_t* raw(std::byte* storage) {
   return static_cast<zmq_msg_t*>(static_cast<void*>(storage));
 }
 
-/// libzmq's defaults that bite: no limit on sizes, LINGER for ever, 30 s for a handshake, no heartbeats, 1023 sockets.
 constexpr int kIoThreads = 1;
-constexpr int kMaxSockets = 16;
-constexpr int kLingerMs = 500;
-constexpr int kHandshakeMs = 2'000;
-constexpr int kHeartbeatMs = 200;
-constexpr int kHeartbeatTimeoutMs = 600;
-constexpr int kBacklog = 256;
-constexpr int kReconnectMs = 100;
-constexpr int kReconnectMaxMs = 1'000;
+constexpr int kMaxSockets = 64;  // three of ours, three of the authenticator's, one a publisher, and the reaper's
 constexpr int kControlQueueMessages = 256;
 constexpr std::int64_t kSubscriptionBytes = 1024;
 constexpr int kBatch = 256;
 constexpr std::size_t kBatchBytes = std::size_t{64} << 20;  ///< of the stream: a batch ends with the message that exceeds it
-
-class Socket {
- public:
-  Socket() = default;
-  Socket(void* context, int type) : handle_(zmq_socket(context, type)) {}
-  ~Socket() {
-    if (handle_ != nullptr) zmq_close(handle_);
-  }
-  Socket(Socket&& other) noexcept : handle_(std::exchange(other.handle_, nullptr)) {}
-  Socket& operator=(Socket&& other) noexcept {
-    std::swap(handle_, other.handle_);
-    return *this;
-  }
-
-  void* get() const { return handle_; }
-  bool set(int option, int value) { return zmq_setsockopt(handle_, option, &value, sizeof(value)) == 0; }
-  bool set64(int option, std::int64_t value) { return zmq_setsockopt(handle_, option, &value, sizeof(value)) == 0; }
-
-  bool configure(std::int64_t message_bytes, int send_queue, int receive_queue) {
-    return handle_ != nullptr && set(ZMQ_LINGER, kLingerMs) && set64(ZMQ_MAXMSGSIZE, message_bytes) &&
-           set(ZMQ_SNDHWM, send_queue) && set(ZMQ_RCVHWM, receive_queue) && set(ZMQ_HANDSHAKE_IVL, kHandshakeMs) &&
-           set(ZMQ_HEARTBEAT_IVL, kHeartbeatMs) && set(ZMQ_HEARTBEAT_TIMEOUT, kHeartbeatTimeoutMs) &&
-           set(ZMQ_HEARTBEAT_TTL, kHeartbeatTimeoutMs) && set(ZMQ_BACKLOG, kBacklog) &&
-           set(ZMQ_RECONNECT_IVL, kReconnectMs) && set(ZMQ_RECONNECT_IVL_MAX, kReconnectMaxMs);
-  }
-
-  tl::expected<std::string, std::string> bind(std::string_view endpoint, std::string_view flag) {
-    const auto checked = check_bind_endpoint(endpoint, flag);
-    if (!checked) return checked;
-    if (ipc_in_use(*checked))
-      return tl::unexpected(fmt::format("{} {}: another program serves this path; end it, or choose another path with {}.",
-                                        flag, endpoint, flag));
-    set(ZMQ_IPV6, checked->find('[') != std::string::npos ? 1 : 0);
-    if (zmq_bind(handle_, checked->c_str()) != 0) {
-      const int problem = errno;
-      if (problem == EADDRINUSE)
-        return tl::unexpected(
-            fmt::format("{} {}: port {} is in use, perhaps by another rustled; end it, or choose another port with {} "
-                        "tcp://127.0.0.1:PORT.",
-                        flag, endpoint, port_of(*checked), flag));
-      return tl::unexpected(fmt::format("{} {}: cannot be bound: {}; choose another endpoint with {}.", flag, endpoint,
-                                        zmq_strerror(problem), flag));
-    }
-    char bound[256];
-    std::size_t size = sizeof(bound);
-    if (zmq_getsockopt(handle_, ZMQ_LAST_ENDPOINT, bound, &size) != 0) return *checked;
-    return std::string(bound);
-  }
-
- private:
-  void* handle_ = nullptr;
-};
 
 /// All parts of one message; at most `kMostParts` are kept, the others are read and dropped.
 constexpr std::size_t kMostParts = 4;
@@ -139,7 +84,14 @@ struct Sockets::Impl {
       if (handle != nullptr) zmq_ctx_term(handle);
     }
   } context;
+  std::optional<Security> security;
+  std::unique_ptr<Authenticator> authenticator;
+  struct PublisherSocket {
+    Socket socket;
+    std::string user;
+  };
   Socket control, stream, out;
+  std::vector<PublisherSocket> publishers;
   std::string control_endpoint, stream_endpoint, out_endpoint;
   int wake_fd = -1;
 
@@ -147,7 +99,11 @@ struct Sockets::Impl {
   std::vector<Post> posts;
 
   std::set<std::string, std::less<>> topics;
-  std::vector<std::string> subscribed_answers;
+  Listeners listeners;  ///< with keys only
+  struct SubscribedAnswer {
+    std::string topic, bytes;
+  };
+  std::vector<SubscribedAnswer> subscribed_answers;
   Counters counters;
 
   ~Impl() {
@@ -168,6 +124,26 @@ struct Sockets::Impl {
     }
   }
 
+  /// Who sent a message, and whether it counts: with keys, one that has been revoked since it connected is cut off.
+  bool knows(const Message& message, std::string& user) {
+    if (!security) return true;
+    auto* const received = raw(const_cast<std::byte*>(message.storage_));  // NOLINT: libzmq's accessors change nothing
+    const char* const id = zmq_msg_gets(received, "User-Id");
+    if (id != nullptr && security->admits(id)) {
+      user = id;
+      return true;
+    }
+    ++counters.revoked_messages;
+    cut(connection_of(message));
+    return false;
+  }
+
+  /// By which a message came. Nothing: it has ended.
+  static PeerConnection connection_of(const Message& message) {
+    auto* const received = raw(const_cast<std::byte*>(message.storage_));  // NOLINT
+    return connection_at(zmq_msg_get(received, ZMQ_SRCFD));
+  }
+
   void read_control(std::vector<Event>& events) {
     std::vector<Message> parts;
     std::size_t count = 0;
@@ -177,22 +153,37 @@ struct Sockets::Impl {
         ++counters.malformed_messages;
         continue;
       }
+      std::string user;
+      if (!knows(parts[count - 1], user)) continue;
       events.emplace_back(ControlRequestReceived{.peer = {.identity = text_of(parts[0]), .delimited = delimited},
-                                                 .bytes = std::move(parts[count - 1])});
+                                                 .bytes = std::move(parts[count - 1]),
+                                                 .user = std::move(user)});
     }
   }
 
-  void read_stream(std::vector<Event>& events) {
+  /// `pinned`: the user of a publisher that we connected to and that has proved to be it; null: the message says.
+  void read_stream(const Socket& from, const std::string* pinned, std::vector<Event>& events) {
     std::vector<Message> parts;
     std::size_t count = 0, bytes = 0;
-    for (int i = 0; i < kBatch && bytes < kBatchBytes && receive(stream.get(), parts, count); ++i) {
+    for (int i = 0; i < kBatch && bytes < kBatchBytes && receive(from.get(), parts, count); ++i) {
       if (count > 2) {
         ++counters.malformed_messages;
         continue;
       }
+      std::string user;
+      if (pinned != nullptr) {
+        user = *pinned;
+        if (security && !security->admits(user)) {
+          ++counters.revoked_messages;
+          continue;
+        }
+      } else if (!knows(parts.back(), user)) {
+        continue;
+      }
       bytes += parts.back().bytes().size();
-      events.emplace_back(
-          StreamReceived{.topic = count == 2 ? text_of(parts[0]) : std::string(), .bytes = std::move(parts[count - 1])});
+      events.emplace_back(StreamReceived{.topic = count == 2 ? text_of(parts[0]) : std::string(),
+                                         .bytes = std::move(parts[count - 1]),
+                                         .user = std::move(user)});
     }
   }
 
@@ -208,16 +199,63 @@ struct Sockets::Impl {
       const bool on = text[0] == 1;
       text.erase(0, 1);
       if (text.starts_with(kSubscribedPrefix)) {
-        if (on) subscribed_answers.push_back(std::move(text));
+        if (security) zmq_setsockopt(out.get(), on ? ZMQ_SUBSCRIBE : ZMQ_UNSUBSCRIBE, text.data(), text.size());
+        if (!on) continue;
+        std::string refused;
+        if (security) {
+          refused = refusal_of(listeners.take_refusals(connection_of(parts[0])));
+        }
+        subscribed_answers.push_back({std::move(text), std::move(refused)});
         continue;
       }
-      if (on) {
-        topics.insert(text);
-      } else {
-        topics.erase(text);
-      }
-      events.emplace_back(SubscriptionChanged{.topic = std::move(text), .on = on});
+      if (security && !settle(parts[0], text, on)) continue;
+      tell(std::move(text), on, events);
     }
+  }
+
+  void settle_listeners(std::vector<Event>& events) {
+    for (std::string& silent : listeners.settle(Listeners::Clock::now())) tell(std::move(silent), false, events);
+  }
+
+  void tell(std::string topic, bool on, std::vector<Event>& events) {
+    if (on) {
+      topics.insert(topic);
+    } else {
+      topics.erase(topic);
+    }
+    events.emplace_back(SubscriptionChanged{.topic = std::move(topic), .on = on});
+  }
+
+  /// Puts a subscription in force where it is granted. True: that changes whether the topic is heard.
+  bool settle(const Message& message, const std::string& topic, bool on) {
+    auto* const received = raw(const_cast<std::byte*>(message.storage_));  // NOLINT
+    const char* const user = zmq_msg_gets(received, "User-Id");
+    if (!on) {
+      if (user == nullptr) {
+        listeners.end(topic);
+        return false;
+      }
+      zmq_setsockopt(out.get(), ZMQ_UNSUBSCRIBE, topic.data(), topic.size());
+      return listeners.leave(topic, connection_of(message));
+    }
+    if (user == nullptr || !listeners.takes(topic)) {
+      ++counters.refused_subscriptions;
+      return false;
+    }
+    if (!security->admits(user) || !security->may_hear(user, topic)) {
+      ++counters.refused_subscriptions;
+      listeners.refuse(topic, connection_of(message));
+      return false;
+    }
+    zmq_setsockopt(out.get(), ZMQ_SUBSCRIBE, topic.data(), topic.size());
+    return listeners.grant(topic, connection_of(message), user);
+  }
+
+  static std::string refusal_of(const std::vector<std::string>& topics) {
+    if (topics.empty()) return {};
+    return encode_error({ErrorCode::kPermissionDenied, "topic",
+                         fmt::format("This key may not hear {}.", fmt::join(topics, ", ")),
+                         "Have the daemon's operator give it the permission to listen.", 0, std::nullopt, "listen"});
   }
 
   bool send_control(const ControlPeer& peer, std::string_view bytes) {
@@ -232,7 +270,7 @@ struct Sockets::Impl {
   }
 
   void send_waiting() {
-    for (const std::string& topic : std::exchange(subscribed_answers, {})) publish(topic, {});
+    for (const SubscribedAnswer& answer : std::exchange(subscribed_answers, {})) publish(answer.topic, answer.bytes);
     std::vector<Post> waiting;
     {
       const std::lock_guard lock(post_mutex);
@@ -253,6 +291,31 @@ struct Sockets::Impl {
     [[maybe_unused]] const ssize_t written = ::write(wake_fd, &one, sizeof(one));
   }
 };
+
+namespace {
+
+/// Why these endpoints may not be served to whoever reaches them. Nothing: they may.
+std::optional<std::string> exposed(const Sockets::Options& options) {
+  for (const Publisher& publisher : options.connect)
+    if (options.security && publisher.public_key.empty())
+      return fmt::format(
+          "--connect {}: with keys a publisher must prove its own; write {}#NAME, as `rustle keys list` shows it.",
+          publisher.endpoint, publisher.endpoint);
+  if (options.insecure) return std::nullopt;
+  for (const auto& [endpoint, flag] : {std::pair<const std::string&, const char*>{options.control, "--control"},
+                                       {options.stream, "--stream"},
+                                       {options.out, "--out"}}) {
+    if (endpoint.empty() || is_local(endpoint)) continue;
+    if (!options.security)
+      return fmt::format(
+          "{} {}: whoever reaches it could use the daemon. Have keys asked for with --keys FOLDER (`rustle keys new server` "
+          "makes the first), bind tcp://127.0.0.1:{}, or say --insecure.",
+          flag, endpoint, port_of(endpoint) == "*" ? "PORT" : port_of(endpoint));
+  }
+  return std::nullopt;
+}
+
+}  // namespace
 
 Sockets::Sockets(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Sockets::~Sockets() = default;
@@ -277,11 +340,21 @@ tl::expected<std::unique_ptr<Sockets>, std::string> Sockets::open(const Options&
       !impl->control.configure(static_cast<std::int64_t>(options.control_bytes), kControlQueueMessages,
                                kControlQueueMessages) ||
       !impl->stream.configure(static_cast<std::int64_t>(options.message_bytes), 1, options.stream_queue_messages) ||
-      !impl->out.configure(kSubscriptionBytes, options.out_queue_messages, 0) ||
+      !impl->out.configure(kSubscriptionBytes, options.out_queue_messages, 0) || !impl->out.trust_listeners() ||
       !impl->control.set(ZMQ_ROUTER_MANDATORY, 1) || !impl->out.set(ZMQ_XPUB_VERBOSE, 0) ||
       !impl->out.set(ZMQ_XPUB_NODROP, 0) || zmq_setsockopt(impl->stream.get(), ZMQ_SUBSCRIBE, "", 0) != 0)
     return out_of_resources();
 
+  if (auto wrong = exposed(options)) return tl::unexpected(std::move(*wrong));
+  if (options.security) {
+    impl->security = options.security;
+    impl->authenticator = std::make_unique<Authenticator>(context, options.security->admits);
+    if (!impl->authenticator->runs() || !impl->control.serve_keys(*options.security) ||
+        !impl->stream.serve_keys(*options.security) || !impl->out.serve_keys(*options.security) ||
+        !impl->out.set(ZMQ_XPUB_MANUAL, 1))
+      return tl::unexpected(fmt::format(
+          "ZeroMQ cannot use the daemon's keys: {}; make a new pair with `rustle keys new server`.", zmq_strerror(errno)));
+  }
   auto bound = impl->control.bind(options.control, "--control");
   if (!bound) return tl::unexpected(std::move(bound.error()));
   impl->control_endpoint = std::move(*bound);
@@ -293,13 +366,19 @@ tl::expected<std::unique_ptr<Sockets>, std::string> Sockets::open(const Options&
   bound = impl->out.bind(options.out, "--out");
   if (!bound) return tl::unexpected(std::move(bound.error()));
   impl->out_endpoint = std::move(*bound);
-  for (const std::string& publisher : options.connect) {
-    const auto checked = check_connect_endpoint(publisher, "--connect");
+  for (const Publisher& publisher : options.connect) {
+    const auto checked = check_connect_endpoint(publisher.endpoint, "--connect");
     if (!checked) return tl::unexpected(checked.error());
-    impl->stream.set(ZMQ_IPV6, checked->find('[') != std::string::npos ? 1 : 0);
-    if (zmq_connect(impl->stream.get(), checked->c_str()) != 0)
-      return tl::unexpected(
-          fmt::format("--connect {}: {}; write tcp://HOST:PORT or ipc://PATH.", publisher, zmq_strerror(errno)));
+    Socket socket(context, ZMQ_SUB);
+    const bool plain = publisher.public_key.empty();
+    if (!socket.configure(static_cast<std::int64_t>(options.message_bytes), 1, options.stream_queue_messages) ||
+        zmq_setsockopt(socket.get(), ZMQ_SUBSCRIBE, "", 0) != 0)
+      return out_of_resources();
+    if (!plain && (!options.security || !socket.pin(*options.security, publisher.public_key)))
+      return tl::unexpected(fmt::format("--connect {}: {} is no key of a publisher; name one that `rustle keys list` shows.",
+                                        publisher.endpoint, publisher.public_key));
+    if (auto connected = socket.connect(*checked); !connected) return tl::unexpected(std::move(connected.error()));
+    impl->publishers.push_back({std::move(socket), publisher.public_key});
   }
   return std::unique_ptr<Sockets>(new Sockets(std::move(impl)));
 }
@@ -316,19 +395,33 @@ const std::string& Sockets::out_endpoint() const {
 
 void Sockets::poll(std::chrono::milliseconds timeout, std::vector<Event>& events) {
   impl_->send_waiting();
-  zmq_pollitem_t items[] = {{impl_->control.get(), 0, ZMQ_POLLIN, 0},
-                            {impl_->stream.get(), 0, ZMQ_POLLIN, 0},
-                            {impl_->out.get(), 0, ZMQ_POLLIN, 0},
-                            {nullptr, impl_->wake_fd, ZMQ_POLLIN, 0}};
-  if (zmq_poll(items, 4, static_cast<long>(timeout.count())) < 0) return;
+  std::vector<zmq_pollitem_t> items{{impl_->control.get(), 0, ZMQ_POLLIN, 0},
+                                    {impl_->stream.get(), 0, ZMQ_POLLIN, 0},
+                                    {impl_->out.get(), 0, ZMQ_POLLIN, 0},
+                                    {nullptr, impl_->wake_fd, ZMQ_POLLIN, 0}};
+  const std::size_t first_publisher = items.size();
+  for (const auto& publisher : impl_->publishers) items.push_back({publisher.socket.get(), 0, ZMQ_POLLIN, 0});
+  if (zmq_poll(items.data(), static_cast<int>(items.size()), static_cast<long>(timeout.count())) < 0) return;
   if (items[3].revents != 0) {
     std::uint64_t count = 0;
     [[maybe_unused]] const ssize_t got = ::read(impl_->wake_fd, &count, sizeof(count));
     impl_->send_waiting();
   }
   if (items[2].revents != 0) impl_->read_subscriptions(events);
+  impl_->settle_listeners(events);
   if (items[0].revents != 0) impl_->read_control(events);
-  if (items[1].revents != 0) impl_->read_stream(events);
+  if (items[1].revents != 0) impl_->read_stream(impl_->stream, nullptr, events);
+  for (std::size_t k = 0; k < impl_->publishers.size(); ++k) {
+    const auto& publisher = impl_->publishers[k];
+    if (items[first_publisher + k].revents != 0) impl_->read_stream(publisher.socket, &publisher.user, events);
+  }
+}
+
+void Sockets::cut_listeners() {
+  if (!impl_->security) return;
+  impl_->listeners.cut_unless([security = &*impl_->security](const std::string& user, const std::string& topic) {
+    return security->admits(user) && security->may_hear(user, topic);
+  });
 }
 
 bool Sockets::send_control(const ControlPeer& peer, std::string_view bytes) {
@@ -368,8 +461,10 @@ void Sockets::wake() {
   impl_->signal();
 }
 
-const Sockets::Counters& Sockets::counters() const {
-  return impl_->counters;
+Sockets::Counters Sockets::counters() const {
+  Counters counters = impl_->counters;
+  if (impl_->authenticator) counters.refused_connections = impl_->authenticator->counters().refused;
+  return counters;
 }
 
 }  // namespace rustle::wire

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -11,6 +12,8 @@
 #include <vector>
 
 #include <tl/expected.hpp>
+
+#include "server/wire/security.h"
 
 namespace rustle::wire {
 
@@ -38,10 +41,12 @@ struct ControlPeer {
 struct ControlRequestReceived {
   ControlPeer peer;
   Message bytes;
+  std::string user;  ///< see Security; empty without keys
 };
 struct StreamReceived {
   std::string topic;  ///< empty where the publisher left it out
   Message bytes;
+  std::string user;  ///< see Security; empty without keys
 };
 /// The first listener subscribed to this topic of the out socket, or the last one left. A subscription is a prefix: "" or
 /// "SESSION/" stand for everything that begins so.
@@ -53,9 +58,13 @@ using Event = std::variant<ControlRequestReceived, StreamReceived, SubscriptionC
 
 /// The daemon's three sockets:
 ///   control  ROUTER, bound    requests in, replies out
-///   stream   SUB, bound, and connected to publishers; takes everything
+///   stream   SUB, bound, and one more connected to each publisher; takes everything
 ///   out      XPUB, bound      topic by topic to who subscribed; a slow listener loses its own messages only
-/// Every option whose default of libzmq would bite is set in sockets.cpp, once. No method throws.
+/// Every option whose default of libzmq would bite is set in socket.cpp, once. No method throws.
+///
+/// With keys (Options::security) everybody who connects proves one (CURVE) and is asked about (ZAP), every message carries
+/// its user, whatever routing id or topic it bears, and subscriptions are put in force one by one where they are granted
+/// (XPUB_MANUAL). Nothing of a user that is not admitted any more becomes an event, and its connection is cut.
 ///
 /// Listeners learn that their subscriptions are in force: see kSubscribedPrefix in topics.h. The answer leaves at the
 /// beginning of the poll() after the one that returned the events before it, so what those events asked for is done.
@@ -65,15 +74,17 @@ class Sockets {
     std::string control = "tcp://127.0.0.1:7390";
     std::string stream = "tcp://127.0.0.1:7391";  ///< empty: nothing is bound for the stream
     std::string out = "tcp://127.0.0.1:7392";
-    std::vector<std::string> connect;                   ///< publishers to subscribe to
+    std::vector<Publisher> connect;                     ///< to subscribe to
     std::size_t message_bytes = std::size_t{64} << 20;  ///< a larger one costs its sender the connection
     std::size_t control_bytes = std::size_t{1} << 20;
     int stream_queue_messages = 1024;  ///< per publisher
     int out_queue_messages = 8192;     ///< per listener; at 48 kHz and four blocks of 128 a message, 87 s
+    std::optional<Security> security;  ///< absent: nobody is asked who it is
+    bool insecure = false;             ///< without keys, others than this machine may be served
   };
 
   /// Error: a sentence that names the endpoint, the flag ("--control", "--stream", "--out", "--connect") and the remedy.
-  /// Only loopback and ipc are bound.
+  /// Without keys only loopback and ipc are bound, unless `insecure`.
   [[nodiscard]] static tl::expected<std::unique_ptr<Sockets>, std::string> open(const Options& options);
 
   ~Sockets();
@@ -100,6 +111,10 @@ class Sockets {
   /// Subscriptions in force, in order. [network thread]
   std::vector<std::string> subscriptions() const;
 
+  /// Asks Security again about every subscription in force, and cuts the connections of those that are not granted any more:
+  /// nothing that is published from now on reaches them. [network thread]
+  void cut_listeners();
+
   /// Hands over to the network thread, which publishes or sends in the order of the posts. [any thread]
   void post(std::string topic, std::string bytes);
   void post_control(ControlPeer peer, std::string bytes);
@@ -109,9 +124,12 @@ class Sockets {
   struct Counters {
     std::uint64_t malformed_messages = 0;  ///< with too many or too few parts
     std::uint64_t unsent_replies = 0;
+    std::uint64_t refused_connections = 0;    ///< keys that are not admitted
+    std::uint64_t revoked_messages = 0;       ///< of connections whose key is not admitted any more
+    std::uint64_t refused_subscriptions = 0;  ///< to what the key may not hear
   };
   /// [network thread]
-  const Counters& counters() const;
+  Counters counters() const;
 
  private:
   struct Impl;

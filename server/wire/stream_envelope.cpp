@@ -115,6 +115,10 @@ std::optional<double> StreamEnvelope::time_s() const {
   }
 }
 
+std::string StreamEnvelope::serialized() const {
+  return message_->SerializeAsString();
+}
+
 tl::expected<Announcement, Error> StreamEnvelope::announcement(const Limits& limits) const {
   assert(body_ == Body::kAnnouncement);
   const auto& sent = message_->announcement();

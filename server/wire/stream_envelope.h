@@ -55,6 +55,8 @@ class StreamEnvelope {
   [[nodiscard]] tl::expected<Announcement, Error> announcement(const Limits& limits = {}) const;
 
   const v1::StreamMessage& message() const { return *message_; }
+  /// The message again: it says the same, though not necessarily in the bytes in which it came.
+  [[nodiscard]] std::string serialized() const;
 
  private:
   StreamEnvelope();

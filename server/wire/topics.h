@@ -42,7 +42,8 @@ std::string notices_topic(std::string_view session_id);
 std::string statistics_topic(std::string_view session_id);
 
 /// A listener that subscribes to a topic of this prefix, ending in something of its own, gets one empty message on it once
-/// everything it subscribed to before is in force. `Sockets` answers; nobody else sees such topics.
+/// everything it subscribed to before is in force; with keys, a serialized v1::Error where it was refused some of it.
+/// `Sockets` answers; nobody else sees such topics.
 inline constexpr std::string_view kSubscribedPrefix = "subscribed/";
 
 /// 1 to 128 characters, none of them a slash, a space at an end, or a control character.
