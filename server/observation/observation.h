@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -71,10 +72,12 @@ struct FrictionContact {
   std::vector<Resonator> resonators;
 };
 
-/// A tear tip in one frame (T5).
+/// A tear tip in one frame (T5). One that stays where it is has the speed 0.
 struct TearEvent {
   std::uint64_t id = 0;  ///< stays with the tip
   double speed_m_per_s = 0;
+  double torn_m = 0;                    ///< by this tip since it was first seen
+  std::uint32_t vertex = sheet::kNone;  ///< of the mesh; sent tips have none
   Vec3d position_m = Vec3d::Zero();
   Vec3d direction = Vec3d::Zero();
   Source source = Source::kDetected;
@@ -103,13 +106,15 @@ struct RigidMotion {
 /// What one sheet did between its previous frame and this one.
 struct Observation {
   sheet::SheetId sheet = 0;
-  double time_s = 0;           ///< of the frame
-  double previous_time_s = 0;  ///< of the frame before, == time_s for the first
+  double time_s = 0;                                ///< of the frame
+  double previous_time_s = 0;                       ///< of the frame before, == time_s for the first
+  std::shared_ptr<const sheet::Topology> topology;  ///< of the frame: what vertices are numbered by; null: unknown
   std::vector<CrumplingEvent> crumpling;
   std::vector<FrictionContact> friction;  ///< every component in contact now; an episode that is missing has ended
   std::vector<TearEvent> tears;
   std::optional<RigidMotion> motion;  ///< of the sheet as a whole, while what crumpled in it may still sound
   std::vector<BendingPatch> bending;  ///< the patches that changed, by rising number
+  std::size_t events_joined = 0;      ///< flips that sound in the frame's greatest ones, for want of time
   bool unidentified = false;  ///< the mesh is made anew and has no material coordinates: no crumpling is heard where it is
 };
 

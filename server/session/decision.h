@@ -5,6 +5,7 @@
 #include <string>
 #include <variant>
 
+#include "server/engine/stream_item.h"
 #include "server/engine/time_mapping.h"
 #include "server/synthesis/cue.h"
 
@@ -32,9 +33,13 @@ struct Ended {
   bool operator==(const Ended&) const = default;
 };
 
+/// What was asked on the control socket or settled by the daemon, with all that the engine needs of it. A PackReload needs
+/// the packs as they were then, too.
+using Asked = std::variant<engine::GainChange, engine::PackChange, engine::PackReload, engine::LoadLevel>;
+
 /// One step of a session's engine: what it was given, and from where on that sounds.
 struct Step {
-  std::variant<Given, Failed, FellQuiet, Ended> what;
+  std::variant<Given, Failed, FellQuiet, Ended, Asked> what;
   std::optional<synthesis::SampleTime> earliest;  ///< what it planned begins here or later; live clock only
   synthesis::SampleTime accepted_at = 0;          ///< first sample that its cues took part in
   bool start_again = false;                       ///< simulation time had stepped back: Ingest::start_again came before it
@@ -55,10 +60,11 @@ struct RenderedTo {
   bool operator==(const RenderedTo&) const = default;
 };
 
-/// What a recording holds before this is the state that the session had at `first_sample`.
+/// The first of a recording.
 struct RecordingBegun {
-  synthesis::SampleTime first_sample = 0;
-  std::uint64_t first_arrival = 0;  ///< of the next stream message
+  synthesis::SampleTime first_sample = 0;  ///< 0: the whole session is recorded; else the sound before it is not
+  std::uint32_t state_messages = 0;        ///< so many stream messages follow of what held then, before what arrives
+  std::uint64_t first_arrival = 1;         ///< of the message after these
   bool operator==(const RecordingBegun&) const = default;
 };
 

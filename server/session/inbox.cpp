@@ -10,7 +10,7 @@ Offer Inbox::offer(Waiting incoming) {
   if (incoming.sequence != 0) arrival = sequence_.add(incoming.sequence);
   const sheet::MeshFrame* frame = frame_of(incoming);
   const auto refuse = [&](const char* cause) {
-    lost_.push_back({incoming.arrival, incoming.sequence, frame != nullptr, cause});
+    lost_.push_back({incoming.arrival, incoming.sequence, frame != nullptr, cause, incoming.frame});
   };
   if (ended_) {
     refuse("ended");
@@ -69,7 +69,7 @@ void Inbox::make_room(const Waiting& incoming) {
 }
 
 void Inbox::drop(std::deque<Waiting>::iterator waiting, const char* cause) {
-  lost_.push_back({waiting->arrival, waiting->sequence, frame_of(*waiting) != nullptr, cause});
+  lost_.push_back({waiting->arrival, waiting->sequence, frame_of(*waiting) != nullptr, cause, waiting->frame});
   bytes_ -= waiting->bytes;
   waiting_.erase(waiting);
 }

@@ -44,11 +44,13 @@ class Inbox {
     std::uint64_t arrival = 0;  ///< by which decisions name it
     WallClock::Duration arrived{};
     bool steps_back = false;  ///< set by take()
+    std::uint64_t frame = 0;  ///< its number in FrameTraces; 0: no frame
   };
   struct Lost {
     std::uint64_t arrival, sequence;
     bool is_frame;
     const char* cause;
+    std::uint64_t frame = 0;  ///< as of Waiting
   };
 
   explicit Inbox(bool live) : live_(live) {}
@@ -64,6 +66,10 @@ class Inbox {
   void discard();
 
   bool empty() const { return waiting_.empty(); }
+  /// When what is next came; absent: nothing waits.
+  std::optional<WallClock::Duration> next_arrived() const {
+    return waiting_.empty() ? std::nullopt : std::optional(waiting_.front().arrived);
+  }
   bool ended() const { return ended_; }
   /// Numbers of the sequence that have not come.
   std::uint64_t sequence_gaps() const { return sequence_.missing(); }

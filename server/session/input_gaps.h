@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "server/synthesis/cue.h"
+#include "server/synthesis/nonblocking.h"
 
 namespace rustle::session {
 
@@ -25,15 +26,15 @@ class InputGaps {
   explicit InputGaps(synthesis::SampleTime quiet_samples) : quiet_samples_(quiet_samples) {}
 
   /// Input reaches to sample `newest`; what is known there carries on to `until` before news is missed. [analysis worker]
-  void cover(synthesis::SampleTime newest, synthesis::SampleTime until) noexcept {
+  void cover(synthesis::SampleTime newest, synthesis::SampleTime until) noexcept RUSTLE_NONBLOCKING {
     newest_.store(newest, std::memory_order_relaxed);
     until_.store(until, std::memory_order_release);
   }
   /// Nothing is to come: no gap. [analysis worker]
-  void cover_all() noexcept { cover(kForEver, kForEver); }
+  void cover_all() noexcept RUSTLE_NONBLOCKING { cover(kForEver, kForEver); }
 
   /// Sound up to `position` has been rendered. True, once a gap: the sender has fallen quiet. [render worker]
-  bool rendered(synthesis::SampleTime position) noexcept {
+  bool rendered(synthesis::SampleTime position) noexcept RUSTLE_NONBLOCKING {
     const synthesis::SampleTime until = until_.load(std::memory_order_acquire);
     const synthesis::SampleTime newest = newest_.load(std::memory_order_relaxed);
     if (position <= until) {
@@ -51,7 +52,7 @@ class InputGaps {
     return quiet_ = true;
   }
 
-  Figures figures() const noexcept { return figures_; }  // [render worker]
+  Figures figures() const noexcept RUSTLE_NONBLOCKING { return figures_; }  // [render worker]
 
  private:
   static constexpr synthesis::SampleTime kForEver = std::numeric_limits<synthesis::SampleTime>::max();

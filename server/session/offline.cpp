@@ -1,11 +1,13 @@
 #include "server/session/offline.h"
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <exception>
 #include <mutex>
 #include <thread>
+#include <utility>
 
 namespace rustle::session {
 namespace {
@@ -27,13 +29,16 @@ class AnalysisStage {
   /// The next batch; nothing after the last.
   std::optional<Planned> next() {
     if (ends_.next_directed) return next_directed();
+    if (!parts_.empty()) return next_part();
     if (ended_) return std::nullopt;
     auto item = ends_.next();
     if (!item) item = engine::End{};
     ended_ = std::holds_alternative<engine::End>(*item);
     Planned planned;
     take(*item, planned.cues);
-    return planned;
+    if (planned.cues.cues.size() <= kMostCues) return planned;
+    divide(std::move(planned));
+    return next_part();
   }
 
   double spent_s = 0;
@@ -56,6 +61,34 @@ class AnalysisStage {
     return planned;
   }
 
+  /// More cues than may wait in a mixer, as when cloth is chosen as a whole: parts by their time, each with the horizon that
+  /// the next one leaves.
+  void divide(Planned planned) {
+    std::vector<synthesis::Cue> cues = std::move(planned.cues.cues);
+    std::ranges::stable_sort(cues, {}, [](const synthesis::Cue& cue) { return synthesis::start_of(cue); });
+    for (std::size_t first = 0; first < cues.size(); first += kMostCues) {
+      const std::size_t end = std::min(first + kMostCues, cues.size());
+      Planned part;
+      part.cues.cues.assign(cues.begin() + static_cast<std::ptrdiff_t>(first),
+                            cues.begin() + static_cast<std::ptrdiff_t>(end));
+      part.cues.new_sheet = std::exchange(planned.cues.new_sheet, std::nullopt);
+      part.cues.horizon = planned.cues.horizon;
+      if (end < cues.size()) {
+        const synthesis::SampleTime next = std::max<synthesis::SampleTime>(0, synthesis::start_of(cues[end]));
+        part.cues.horizon = std::min(part.cues.horizon, next / synthesis::kQuantum * synthesis::kQuantum);
+      } else {
+        part.cues.end = planned.cues.end;
+      }
+      parts_.push_back(std::move(part));
+    }
+  }
+
+  std::optional<Planned> next_part() {
+    Planned part = std::move(parts_.front());
+    parts_.pop_front();
+    return part;
+  }
+
   void take(const engine::StreamItem& item, engine::CueBatch& cues) {
     const auto before = std::chrono::steady_clock::now();
     const auto observed = ingest_.accept(item, cues);
@@ -69,8 +102,11 @@ class AnalysisStage {
     }
   }
 
+  static constexpr std::size_t kMostCues = synthesis::kMaxWaitingCues / 4;
+
   engine::Ingest ingest_;
   const OfflineEnds& ends_;
+  std::deque<Planned> parts_;  ///< of the last item, still to be handed out
   bool ended_ = false;
 };
 
@@ -140,6 +176,8 @@ OfflineSummary render_offline(const engine::Options& options, std::shared_ptr<pa
   AnalysisStage analysis(options, std::move(packs), ends);
   engine::Render render(options);
   engine::AudioQuantum quantum = render.make_quantum();
+  const auto emitters = options.emitters ? render.make_emitters() : nullptr;
+  quantum.emitters = emitters.get();
   OfflineSummary summary;
   bool wanted = true;
   const auto timed = [&](const auto& rendering) {
@@ -190,6 +228,7 @@ OfflineSummary render_offline(const engine::Options& options, std::shared_ptr<pa
   if (wanted)
     timed([&] { return render_while(render, quantum, ends, [&] { return render.ending() && !render.complete(); }); });
   summary.samples = render.position();
+  if (emitters) summary.emitter_samples_left_out = emitters->take_left_out();
   summary.plan = analysis.counters();
   summary.render = render.counters();
   summary.frames = analysis.frames;

@@ -44,6 +44,7 @@ struct OfflineSummary {
   std::uint64_t refused = 0;
   synthesis::PlanCounters plan;
   engine::RenderCounters render;
+  std::uint64_t emitter_samples_left_out = 0;
   double analysis_s = 0;   ///< spent in analysis
   double synthesis_s = 0;  ///< spent in synthesis
 };

@@ -11,6 +11,12 @@ constexpr std::chrono::milliseconds kTurn{2};
 constexpr std::chrono::microseconds kLeastWait{250};
 constexpr int kSayAfter = 8;
 
+/// What cannot wait. Sessions that follow simulation time take all that is left, by design; those beyond their budget more
+/// than is theirs.
+bool is_load(const Session& session) {
+  return session.options().clock == Clock::kLive && !session.beyond_budget.load();
+}
+
 }  // namespace
 
 Scheduler::Scheduler(const Options& options, const WallClock& clock, std::function<void()> audio_ready)
@@ -59,6 +65,11 @@ void Scheduler::remove(const Held& session) {
   due_.remove(session);
 }
 
+Scheduler::Busy Scheduler::busy() const {
+  std::scoped_lock lock(turns_mutex_, due_mutex_);
+  return {analysis_busy_, render_busy_};
+}
+
 // ----------------------------------------------------------------------------------------------------------- analysis
 
 void Scheduler::wake_analysis(const Held& session) {
@@ -104,6 +115,7 @@ void Scheduler::analyse_a_turn(const Held& session) {
   {
     std::lock_guard lock(turns_mutex_);
     turns_.done(session, turn);
+    if (is_load(*session)) analysis_busy_ += turn;
   }
   if (more) {
     queue(session);
@@ -112,7 +124,8 @@ void Scheduler::analyse_a_turn(const Held& session) {
     if (session->wants_analysis()) wake_analysis(session);  // something came while the last look was taken
   }
   if (session->renders_on_call() && !session->held_back()) call_render(session);
-  audio_ready_();
+  // What a live session's analysis tells can wait for its sound.
+  if (session->options().clock != Clock::kLive) audio_ready_();
 }
 
 // ------------------------------------------------------------------------------------------------------------- render
@@ -128,9 +141,12 @@ void Scheduler::call_render(const Held& session) {
 void Scheduler::run_render() {
   begun("rustle-render", options_.render_cpus, true);
   int produced = 0;  // sessions, since it was said
+  RunDelay run_delay;
   std::unique_lock lock(due_mutex_);
   while (!stopping_) {
-    const auto ticket = due_.take(clock_.now());
+    const auto now = clock_.now();
+    run_delay.note(now);
+    const auto ticket = due_.take(now);
     const auto next = due_.next_due();
     if (ticket) {
       Held session = due_.member(*ticket);
@@ -140,12 +156,15 @@ void Scheduler::run_render() {
       const auto outcome = session->render();
       produced += outcome.produced ? 1 : 0;
       if (outcome.wants_analysis) wake_analysis(session);
+      if (outcome.blocks_late > 0) session->count_late(outcome.blocks_late, run_delay.since(outcome.due) >= outcome.late);
+      const bool counts = outcome.produced && is_load(*session);
       session.reset();
       if (produced >= kSayAfter) {
         produced = 0;
         audio_ready_();
       }
       lock.lock();
+      if (counts) render_busy_ += clock_.now() - now;
       due_.give_back(*ticket, outcome.next_due);
     } else if (produced > 0) {
       produced = 0;

@@ -42,6 +42,12 @@ class Scheduler {
   /// The session has items to analyse.
   void wake_analysis(const std::shared_ptr<Session>& session);
 
+  /// For how long workers have worked, all of a kind together, for live sessions that keep to their budget.
+  struct Busy {
+    WallClock::Duration analysis{}, render{};
+  };
+  Busy busy() const;
+
   /// What every render worker was granted.
   Priority render_priority() const { return render_priority_; }
   /// Every worker is on the processors it was to be on.
@@ -62,14 +68,16 @@ class Scheduler {
   const WallClock& clock_;
   const std::function<void()> audio_ready_;
 
-  std::mutex turns_mutex_;
+  mutable std::mutex turns_mutex_;
   std::condition_variable turn_wanted_, short_turn_wanted_;
   TurnQueue<Held> turns_;
+  WallClock::Duration analysis_busy_{};
   bool stopping_ = false;  // both mutexes
 
-  std::mutex due_mutex_;
+  mutable std::mutex due_mutex_;
   std::condition_variable due_changed_;
   DueQueue<Held> due_;
+  WallClock::Duration render_busy_{};
   WallClock::Duration watched_until_ = WallClock::Duration::max();  ///< a render worker waits until then
 
   std::mutex begun_mutex_;

@@ -37,6 +37,7 @@ struct SessionOptions {
   bool record = false;                             ///< the daemon stores the session as a capture
   std::string hrtf;                                ///< of binaural sound, by name; empty: the default
   std::uint32_t friction_fft_size = 0;             ///< a power of two, 128 to 8,192; 0: the default
+  std::uint32_t most_voices = 0;                   ///< at a time, 1 to 512; 0: 512
 
   bool operator==(const SessionOptions&) const = default;
 };

@@ -43,6 +43,7 @@ engine::Options engine_options(const SessionOptions& options, std::shared_ptr<co
       break;
   }
   out.friction_fft_size = static_cast<int>(options.friction_fft_size);
+  if (options.most_voices != 0) out.max_voices = static_cast<int>(options.most_voices);
   out.rate_hz = static_cast<int>(options.rate_hz);
   out.time_origin_s = options.time_origin_s;
   out.look_ahead_s = options.playout_delay_s.value_or(0);  // a live session's mapping has it

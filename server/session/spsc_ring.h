@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cassert>
 #include <cstddef>
@@ -7,6 +8,8 @@
 #include <span>
 #include <utility>
 #include <vector>
+
+#include "server/synthesis/nonblocking.h"
 
 namespace rustle::session {
 
@@ -18,7 +21,7 @@ class SpscRing {
   explicit SpscRing(std::size_t capacity) : slots_(capacity + 1) {}
 
   /// [producer] False: full, nothing was taken.
-  bool push(T&& value) noexcept {
+  bool push(T&& value) noexcept RUSTLE_NONBLOCKING {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     const std::size_t next = (tail + 1) % slots_.size();
     if (next == head_.load(std::memory_order_acquire)) return false;
@@ -27,8 +30,14 @@ class SpscRing {
     return true;
   }
 
+  /// [producer] Room for that many more.
+  std::size_t room() const noexcept {
+    const std::size_t head = head_.load(std::memory_order_acquire), tail = tail_.load(std::memory_order_relaxed);
+    return slots_.size() - 1 - (tail >= head ? tail - head : slots_.size() - head + tail);
+  }
+
   /// [consumer] False: empty.
-  bool pop(T& value) noexcept {
+  bool pop(T& value) noexcept RUSTLE_NONBLOCKING {
     const std::size_t head = head_.load(std::memory_order_relaxed);
     if (head == tail_.load(std::memory_order_acquire)) return false;
     value = std::move(slots_[head]);
@@ -37,7 +46,9 @@ class SpscRing {
   }
 
   /// [any thread] What another thread does meanwhile may be seen or not.
-  bool empty() const noexcept { return head_.load(std::memory_order_acquire) == tail_.load(std::memory_order_acquire); }
+  bool empty() const noexcept RUSTLE_NONBLOCKING {
+    return head_.load(std::memory_order_acquire) == tail_.load(std::memory_order_acquire);
+  }
 
  private:
   std::vector<T> slots_;
@@ -51,36 +62,34 @@ class SampleRing {
   explicit SampleRing(std::size_t capacity) : samples_(capacity + 1) {}
 
   /// [producer] Room for that many more.
-  std::size_t room() const noexcept {
+  std::size_t room() const noexcept RUSTLE_NONBLOCKING {
     const std::size_t used = distance(head_.load(std::memory_order_acquire), tail_.load(std::memory_order_relaxed));
     return samples_.size() - 1 - used;
   }
 
   /// [producer] \pre values.size() <= room()
-  void push(std::span<const float> values) noexcept {
+  void push(std::span<const float> values) noexcept RUSTLE_NONBLOCKING {
     assert(values.size() <= room());
-    std::size_t tail = tail_.load(std::memory_order_relaxed);
-    for (const float value : values) {
-      samples_[tail] = value;
-      tail = tail + 1 == samples_.size() ? 0 : tail + 1;
-    }
-    tail_.store(tail, std::memory_order_release);
+    const std::size_t tail = tail_.load(std::memory_order_relaxed);
+    const std::size_t before_end = std::min(values.size(), samples_.size() - tail);
+    std::copy_n(values.begin(), before_end, samples_.begin() + static_cast<std::ptrdiff_t>(tail));
+    std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(before_end), values.size() - before_end, samples_.begin());
+    tail_.store((tail + values.size()) % samples_.size(), std::memory_order_release);
   }
 
   /// [consumer] How many are there.
-  std::size_t available() const noexcept {
+  std::size_t available() const noexcept RUSTLE_NONBLOCKING {
     return distance(head_.load(std::memory_order_relaxed), tail_.load(std::memory_order_acquire));
   }
 
   /// [consumer] \pre values.size() <= available()
-  void pop(std::span<float> values) noexcept {
+  void pop(std::span<float> values) noexcept RUSTLE_NONBLOCKING {
     assert(values.size() <= available());
-    std::size_t head = head_.load(std::memory_order_relaxed);
-    for (float& value : values) {
-      value = samples_[head];
-      head = head + 1 == samples_.size() ? 0 : head + 1;
-    }
-    head_.store(head, std::memory_order_release);
+    const std::size_t head = head_.load(std::memory_order_relaxed);
+    const std::size_t before_end = std::min(values.size(), samples_.size() - head);
+    std::copy_n(samples_.begin() + static_cast<std::ptrdiff_t>(head), before_end, values.begin());
+    std::copy_n(samples_.begin(), values.size() - before_end, values.begin() + static_cast<std::ptrdiff_t>(before_end));
+    head_.store((head + values.size()) % samples_.size(), std::memory_order_release);
   }
 
  private:
@@ -98,13 +107,13 @@ template <typename T>
 class LatestValue {
  public:
   /// [producer]
-  void publish(const T& value) noexcept {
+  void publish(const T& value) noexcept RUSTLE_NONBLOCKING {
     slots_[writing_] = value;
     writing_ = between_.exchange(writing_ | kFresh, std::memory_order_acq_rel) & ~kFresh;
   }
 
   /// [consumer]
-  const T& latest() noexcept {
+  const T& latest() noexcept RUSTLE_NONBLOCKING {
     if ((between_.load(std::memory_order_relaxed) & kFresh) != 0)
       reading_ = between_.exchange(reading_, std::memory_order_acq_rel) & ~kFresh;
     return slots_[reading_];

@@ -1,5 +1,6 @@
 #include "server/session/worker_thread.h"
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
 #include <sys/resource.h>
@@ -7,6 +8,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 
 #include <fmt/format.h>
@@ -33,6 +35,37 @@ bool pin_this_thread(const std::vector<int>& cpus) {
   CPU_ZERO(&set);
   for (const int cpu : cpus) CPU_SET(static_cast<std::size_t>(cpu), &set);
   return pthread_setaffinity_np(pthread_self(), sizeof(set), &set) == 0;
+}
+
+RunDelay::RunDelay() : file_(::open("/proc/thread-self/schedstat", O_RDONLY | O_CLOEXEC)) {}
+
+RunDelay::~RunDelay() {
+  if (file_ >= 0) ::close(file_);
+}
+
+std::chrono::nanoseconds RunDelay::total() const {
+  // "RUNNING_NS WAITING_NS TURNS"
+  std::array<char, 96> text;
+  const ssize_t size = file_ >= 0 ? ::pread(file_, text.data(), text.size(), 0) : 0;
+  if (size <= 0) return {};
+  const char* const end = text.data() + size;
+  const char* waiting = std::find(static_cast<const char*>(text.data()), end, ' ');
+  std::int64_t ns = 0;
+  if (waiting != end) std::from_chars(waiting + 1, end, ns);
+  return std::chrono::nanoseconds(ns);
+}
+
+void RunDelay::note(std::chrono::nanoseconds now) {
+  if (noted_ > 0 && now - notes_[(noted_ - 1) % kNotes].at < std::chrono::milliseconds(1)) return;
+  notes_[noted_++ % kNotes] = {now, total()};
+}
+
+std::chrono::nanoseconds RunDelay::since(std::chrono::nanoseconds moment) const {
+  const std::size_t oldest = noted_ > kNotes ? noted_ - kNotes : 0;
+  if (noted_ == 0) return {};
+  std::size_t k = noted_ - 1;
+  while (k > oldest && notes_[k % kNotes].at > moment) --k;
+  return total() - notes_[k % kNotes].total;
 }
 
 void name_this_thread(const char* name) {

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <array>
+#include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -21,6 +24,33 @@ Priority raise_this_thread();
 
 /// Keeps the calling thread on these processors; none: wherever the system likes. False: the system has none of them.
 bool pin_this_thread(const std::vector<int>& cpus);
+
+/// How long one thread has waited for a processor although it could have run, as the kernel's schedstat says; 0 where it
+/// says nothing. Looking takes less than a microsecond, but calls the system. [the thread that made it]
+class RunDelay {
+ public:
+  /// Of the calling thread.
+  RunDelay();
+  ~RunDelay();
+  RunDelay(const RunDelay&) = delete;
+  RunDelay& operator=(const RunDelay&) = delete;
+
+  /// Since the thread began.
+  std::chrono::nanoseconds total() const;
+  /// Takes note of it; at most once a millisecond, the newest kNotes are kept. `now` is any clock's that does not go back.
+  void note(std::chrono::nanoseconds now);
+  /// Between the newest note that is not after `moment` and this moment; where there is none, since the oldest note.
+  std::chrono::nanoseconds since(std::chrono::nanoseconds moment) const;
+
+ private:
+  static constexpr std::size_t kNotes = 256;
+  struct Note {
+    std::chrono::nanoseconds at{}, total{};
+  };
+  int file_;
+  std::array<Note, kNotes> notes_{};
+  std::size_t noted_ = 0;
+};
 
 /// The calling thread's name in system tools, at most 15 characters.
 void name_this_thread(const char* name);

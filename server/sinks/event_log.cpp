@@ -85,6 +85,8 @@ void EventLog::add(const observation::Observation& observed) {
     now.source = tear.source;
     now.speed_m_per_s = tear.speed_m_per_s;
     now.direction = tear.direction;
+    now.torn_m = tear.torn_m;
+    if (tear.vertex != sheet::kNone) now.vertices = {tear.vertex};
     now.resonators = tear.resonators;
     follow(tears_, observed, std::move(now));
   }
@@ -100,8 +102,10 @@ void EventLog::follow(std::map<EpisodeKey, Episode>& episodes, const observation
   const double began = fresh ? observed.previous_time_s : episode.event.time_s;
   episode.speed_seconds += speed * (observed.time_s - observed.previous_time_s);
   auto speeds = std::move(episode.event.speeds);
+  speeds.push_back({observed.time_s, speed, now.position_m});
+  const double torn_m = now.torn_m;
   if (fresh || speed > episode.event.speed_m_per_s) episode.event = std::move(now);
-  speeds.push_back({observed.time_s, speed});
+  episode.event.torn_m = torn_m;
   episode.event.speeds = std::move(speeds);
   episode.event.time_s = began;
   episode.last_s = observed.time_s;
@@ -142,22 +146,30 @@ std::vector<LoggedEvent> EventLog::finish() {
 std::string json_line(const LoggedEvent& event) {
   nlohmann::ordered_json resonators = nlohmann::ordered_json::array();
   for (const auto& resonator : event.resonators) resonators.push_back(json_of(resonator));
-  const nlohmann::ordered_json line = {
-      {"id", event.id},
-      {"time_s", rounded(event.time_s, 1e-6)},
-      {"end_s", rounded(event.end_s, 1e-6)},
-      {"sheet", event.sheet},
-      {"kind", name_of(event.kind)},
-      {"continues", event.continues == 0 ? nlohmann::json() : nlohmann::json(event.continues)},
-      {"amplitude", rounded(event.amplitude, 1e-9)},
-      {"amplitude_unit", event.kind == LoggedEvent::Kind::kCrumpling ? "m" : "m/s"},
-      {"area_m2", rounded(event.area_m2, 1e-9)},
-      {"position_m", json_of(event.position_m, 1e-6)},
-      {"vertices", event.vertices},
-      {"source", event.source == observation::Source::kSent ? "sent" : "detected"},
-      {"speed_m_per_s", rounded(event.speed_m_per_s, 1e-6)},
-      {"direction", json_of(event.direction, 1e-6)},
-      {"resonators", std::move(resonators)}};
+  nlohmann::ordered_json line = {{"id", event.id},
+                                 {"time_s", rounded(event.time_s, 1e-6)},
+                                 {"end_s", rounded(event.end_s, 1e-6)},
+                                 {"sheet", event.sheet},
+                                 {"kind", name_of(event.kind)},
+                                 {"continues", event.continues == 0 ? nlohmann::json() : nlohmann::json(event.continues)},
+                                 {"amplitude", rounded(event.amplitude, 1e-9)},
+                                 {"amplitude_unit", event.kind == LoggedEvent::Kind::kCrumpling ? "m" : "m/s"},
+                                 {"area_m2", rounded(event.area_m2, 1e-9)},
+                                 {"position_m", json_of(event.position_m, 1e-6)},
+                                 {"vertices", event.vertices},
+                                 {"source", event.source == observation::Source::kSent ? "sent" : "detected"},
+                                 {"speed_m_per_s", rounded(event.speed_m_per_s, 1e-6)},
+                                 {"direction", json_of(event.direction, 1e-6)},
+                                 {"resonators", std::move(resonators)}};
+  if (event.kind == LoggedEvent::Kind::kTearing) {
+    line["torn_m"] = rounded(event.torn_m, 1e-6);
+    line["track"] = nlohmann::ordered_json::array();
+    for (const auto& now : event.speeds) {
+      const auto& p = now.position_m;
+      line["track"].push_back({rounded(now.time_s, 1e-6), rounded(now.speed_m_per_s, 1e-6), rounded(p.x(), 1e-6),
+                               rounded(p.y(), 1e-6), rounded(p.z(), 1e-6)});
+    }
+  }
   return line.dump();
 }
 

@@ -30,10 +30,12 @@ struct LoggedEvent {
   double speed_m_per_s = 0;  ///< of an episode: its greatest; of a crumpling event: the sheet's there
   sheet::Vec3d direction = sheet::Vec3d::Zero();
   std::vector<observation::Resonator> resonators;
+  double torn_m = 0;  ///< tearing: the length of the tear that the tip made
   struct Speed {
     double time_s, speed_m_per_s;
+    sheet::Vec3d position_m;
   };
-  std::vector<Speed> speeds;  ///< of an episode, one per frame; not in the JSON
+  std::vector<Speed> speeds;  ///< of an episode, one per frame; in the JSON of tearing only
 };
 
 const char* name_of(LoggedEvent::Kind kind);
@@ -62,7 +64,8 @@ class EventLog {
 };
 
 /// One JSON object, without a line break: {"id","time_s","end_s","sheet","kind","continues","amplitude",
-/// "amplitude_unit","area_m2","position_m","vertices","source","speed_m_per_s","direction","resonators"}.
+/// "amplitude_unit","area_m2","position_m","vertices","source","speed_m_per_s","direction","resonators"}; of tearing also
+/// "torn_m" and "track", the tip frame by frame: [[time_s, speed_m_per_s, x, y, z], ...].
 std::string json_line(const LoggedEvent& event);
 
 /// Writes one line per event. Error: a sentence with the file name and what to do.

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "server/session/duration_histogram.h"
+#include "server/session/frame_trace.h"
+#include "server/sinks/playback.h"
+#include "server/wire/control.h"
+
+/// What the daemon's network thread tells of it when it is asked. Plain data.
+namespace rustle::monitor {
+
+/// How long stages took, by the members of session::StageTimes.
+struct StageCounts {
+  session::DurationHistogram::Counts decode, wait, analysis, hand_over, render, sound;
+  StageCounts& operator+=(const StageCounts& other);
+};
+StageCounts counts_of(const session::StageTimes& times);
+
+/// Lengths in seconds of what wire::Statistics tells in samples, since sessions have rates of their own.
+struct GapLengths {
+  double pcm_s = 0;
+  double input_s = 0;
+};
+
+struct SessionFigures {
+  wire::Statistics statistics;
+  std::string name;  ///< for people
+  bool live = false;
+  bool ended = false;  ///< its stream has ended; its figures are kept for a while
+  std::uint32_t rate_hz = 0;
+  std::size_t sheets = 0;
+  std::uint64_t frames_waiting = 0;
+  double behind_s = 0;            ///< live: sound that is due and not rendered
+  double analysis_stalled_s = 0;  ///< for so long something has waited while nothing was taken up
+  StageCounts stages;
+
+  GapLengths gaps() const {
+    return {static_cast<double>(statistics.samples_in_gaps) / rate_hz,
+            static_cast<double>(statistics.samples_in_input_gaps) / rate_hz};
+  }
+};
+
+/// Sums over sessions. Of `statistics` only what counts up has a meaning.
+struct Totals {
+  std::uint64_t sessions = 0;
+  wire::Statistics statistics;
+  GapLengths gaps;
+  StageCounts stages;
+
+  void add(const SessionFigures& session);
+};
+
+struct DaemonFigures {
+  std::string version;
+  double up_s = 0;
+  bool draining = false;  ///< it ends
+  std::size_t sessions_most = 0;
+  std::uint64_t malformed_messages = 0;
+  std::uint64_t unsent_replies = 0;
+  std::vector<SessionFigures> sessions;
+  Totals departed;  ///< of sessions that are no longer there
+  std::optional<sinks::PlaybackFigures> playback;
+
+  /// Of all sessions that ever were.
+  Totals totals() const;
+};
+
+/// The newest frames of one session.
+struct SessionTraces {
+  std::string session;
+  bool live = false;
+  std::int64_t clock_ns = 0;  ///< the session clock's time when they were read
+  std::vector<session::FrameTrace> frames;
+};
+
+}  // namespace rustle::monitor

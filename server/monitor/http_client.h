@@ -1,0 +1,26 @@
+#pragma once
+
+#include <chrono>
+#include <string>
+#include <string_view>
+
+#include <tl/expected.hpp>
+
+#include "server/monitor/http_address.h"
+
+namespace rustle::monitor {
+
+struct HttpReply {
+  int status = 0;
+  std::string body;
+};
+
+/// Asks a daemon for a path such as "/figures". Waits; any thread.
+/// Error: a sentence that names the address and what to do.
+[[nodiscard]] tl::expected<HttpReply, std::string> http_get(const HttpAddress& address, std::string_view target,
+                                                            std::chrono::milliseconds timeout);
+
+/// A text as it may stand in a target's query.
+[[nodiscard]] std::string in_query(std::string_view text);
+
+}  // namespace rustle::monitor
