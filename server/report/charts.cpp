@@ -14,7 +14,7 @@
 namespace rustle::report {
 namespace {
 
-constexpr double kLeft = 58, kRight = 16, kBottom = 44;
+constexpr double kChartLeft = 58, kChartRight = 16, kChartBottom = 44;
 constexpr int kBarsPerDecade = 4;
 
 void say(Canvas& canvas, const Rect& plot, std::string_view text) {
@@ -25,7 +25,8 @@ void say(Canvas& canvas, const Rect& plot, std::string_view text) {
 }  // namespace
 
 void draw_amplitude_histogram(Canvas& canvas, const Rect& rect, std::span<const EventMark> events) {
-  const Rect plot = {rect.x + kLeft, rect.y + 14, rect.width - kLeft - kRight, rect.height - 14 - kBottom};
+  const Rect plot = {rect.x + kChartLeft, rect.y + 14, rect.width - kChartLeft - kChartRight,
+                     rect.height - 14 - kChartBottom};
   canvas.rectangle(plot, Ink::kPanel);
   std::vector<int> bins;
   for (const EventMark& event : events) {
@@ -70,8 +71,9 @@ void draw_resonators(Canvas& canvas, const Rect& rect, std::span<const EventMark
   std::vector<LegendEntry> legend = kind_legend(events);
   for (LegendEntry& entry : legend) entry.shape = LegendEntry::Shape::kDot;
   if (!grid.empty()) legend.push_back({"sound pack", Ink::kMuted, LegendEntry::Shape::kCross});
-  draw_legend(canvas, {std::max(rect.x + 4, rect.right() - kRight - legend_width(legend)), rect.y + 16}, legend);
-  const Rect plot = {rect.x + kLeft, rect.y + 28, rect.width - kLeft - kRight, rect.height - 28 - kBottom - kStrip - kGap};
+  draw_legend(canvas, {std::max(rect.x + 4, rect.right() - kChartRight - legend_width(legend)), rect.y + 16}, legend);
+  const Rect plot = {rect.x + kChartLeft, rect.y + 28, rect.width - kChartLeft - kChartRight,
+                     rect.height - 28 - kChartBottom - kStrip - kGap};
   const Rect strip = {plot.x, plot.bottom() + kGap, plot.width, kStrip};
   canvas.rectangle(plot, Ink::kPanel);
   canvas.rectangle(strip, Ink::kPanel);

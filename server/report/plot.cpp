@@ -8,7 +8,7 @@
 namespace rustle::report {
 namespace {
 
-constexpr double kLeft = 64, kRight = 16, kBottom = 46, kLegendRow = 18;
+constexpr double kPlotLeft = 64, kPlotRight = 16, kPlotBottom = 46, kLegendRow = 18;
 
 using Style = PlotSeries::Style;
 
@@ -126,10 +126,10 @@ void draw_series(Canvas& canvas, const PlotSeries& series, const std::vector<Poi
 }  // namespace
 
 void draw_plot(Canvas& canvas, const Rect& rect, const Plot& plot) {
-  const double plot_width = rect.width - kLeft - kRight;
+  const double plot_width = rect.width - kPlotLeft - kPlotRight;
   const auto legend = legend_rows(plot, plot_width);
   const double top = rect.y + 8 + kLegendRow * static_cast<double>(legend.size());
-  const Rect area = {rect.x + kLeft, top, plot_width, std::max(20.0, rect.bottom() - kBottom - top)};
+  const Rect area = {rect.x + kPlotLeft, top, plot_width, std::max(20.0, rect.bottom() - kPlotBottom - top)};
   for (std::size_t row = 0; row < legend.size(); ++row) {
     draw_legend(canvas, {area.x, rect.y + 14 + kLegendRow * static_cast<double>(row)}, legend[row]);
   }

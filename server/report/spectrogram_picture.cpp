@@ -13,7 +13,7 @@ namespace rustle::report {
 namespace {
 
 constexpr double kEventStrip = 36, kSpanStrip = 9, kStripGap = 4;
-constexpr double kLeft = 66, kRight = 78, kBottom = 44;
+constexpr double kPictureLeft = 66, kPictureRight = 78, kPictureBottom = 44;
 constexpr int kHeatSteps = 256;
 constexpr int kSpanSteps = 16;
 
@@ -110,10 +110,10 @@ void draw_spectrogram(Canvas& canvas, const Rect& rect, const Sound& sound, std:
   const bool ticks = has(events, EventKind::kCrumpling);
   const bool friction = has(events, EventKind::kFriction), tearing = has(events, EventKind::kTearing);
   const double strips = (friction ? kSpanStrip + kStripGap : 0) + (tearing ? kSpanStrip + kStripGap : 0);
-  const double left = narrow ? 56 : kLeft, right = narrow ? 64 : kRight;
+  const double left = narrow ? 56 : kPictureLeft, right = narrow ? 64 : kPictureRight;
   const double above = std::max(ticks ? kEventStrip + kStripGap : 0.0, 20.0);
   const Rect plot = {rect.x + left, top + above, std::max(8.0, std::floor(rect.width - left - right)),
-                     std::max(8.0, std::floor(rect.bottom() - kBottom - strips - top - above))};
+                     std::max(8.0, std::floor(rect.bottom() - kPictureBottom - strips - top - above))};
 
   const double cells = std::clamp(options.cell_scale, 0.25, 4.0);
   const SpectrogramGrid grid =

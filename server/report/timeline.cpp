@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kHeightDecades = 3, kLeastHeight = 0.08;
 constexpr double kLaneHeight = 44, kLaneGap = 7, kRowHeader = 24, kRowGap = 12;
-constexpr double kLeft = 84, kRight = 16, kTop = 6, kBottom = 44;
+constexpr double kTimelineLeft = 84, kTimelineRight = 16, kTimelineTop = 6, kTimelineBottom = 44;
 constexpr double kLevelFloorDb = -90;
 
 struct Row {
@@ -170,7 +170,7 @@ std::vector<double> speed_columns(const Axis& time, std::span<const EventMark> e
 }
 
 double timeline_height(const TimelineInput& input) {
-  double height = kTop + kBottom;
+  double height = kTimelineTop + kTimelineBottom;
   for (const Row& row : timeline_rows(input)) {
     height += kRowHeader + row.lanes() * kLaneHeight + (row.lanes() - 1) * kLaneGap + kRowGap;
   }
@@ -179,7 +179,8 @@ double timeline_height(const TimelineInput& input) {
 
 void draw_timeline(Canvas& canvas, const Rect& rect, const TimelineInput& input) {
   const double start_s = input.start_s, end_s = input.end_s > start_s ? input.end_s : start_s + 1;
-  const Rect plot = {rect.x + kLeft, rect.y + kTop, rect.width - kLeft - kRight, rect.height - kTop - kBottom};
+  const Rect plot = {rect.x + kTimelineLeft, rect.y + kTimelineTop, rect.width - kTimelineLeft - kTimelineRight,
+                     rect.height - kTimelineTop - kTimelineBottom};
   const Axis time = {start_s, end_s, plot.x, plot.right()};
   const std::vector<Tick> ticks = linear_ticks(start_s, end_s, std::max(2, static_cast<int>(plot.width / 75)));
   const std::vector<Row> rows = timeline_rows(input);
@@ -234,7 +235,7 @@ void draw_timeline(Canvas& canvas, const Rect& rect, const TimelineInput& input)
 
 void draw_levels(Canvas& canvas, const Rect& rect, const LevelTrack& track, double end_s, double limit_db) {
   const double start_s = track.start_s, stop_s = end_s > start_s ? end_s : start_s + 1;
-  const Rect plot = {rect.x + 62, rect.y + 30, rect.width - 62 - kRight, rect.height - 30 - 24};
+  const Rect plot = {rect.x + 62, rect.y + 30, rect.width - 62 - kTimelineRight, rect.height - 30 - 24};
   canvas.rectangle(plot, Ink::kPanel);
   const Axis time = {start_s, stop_s, plot.x, plot.right()};
   const Axis level = {kLevelFloorDb, 6, plot.bottom(), plot.y};
@@ -282,7 +283,7 @@ void draw_levels(Canvas& canvas, const Rect& rect, const LevelTrack& track, doub
 
 void draw_waveform(Canvas& canvas, const Rect& rect, const Sound& sound) {
   const double end_s = sound.end_s() > sound.start_s ? sound.end_s() : sound.start_s + 1;
-  const Rect plot = {rect.x + 62, rect.y + 8, rect.width - 62 - kRight, rect.height - 8 - kBottom};
+  const Rect plot = {rect.x + 62, rect.y + 8, rect.width - 62 - kTimelineRight, rect.height - 8 - kTimelineBottom};
   canvas.rectangle(plot, Ink::kPanel);
   const auto columns = static_cast<std::size_t>(std::max(1.0, std::floor(plot.width)));
   const std::size_t channels = static_cast<std::size_t>(std::max(1, sound.channels));

@@ -6,9 +6,11 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
+#include "server/engine/stream_item.h"
 #include "server/report/plot.h"
 #include "sound_db/pack/library.h"
 #include "sound_db/pack/sound_pack.h"
@@ -85,8 +87,10 @@ struct Setting {
   std::shared_ptr<const pack::SoundPack> pack;  ///< of the material, at kRate_hz
   int workers = 1;
   std::uint64_t seed = 1;
-  std::filesystem::path recordings;                      ///< empty: none to compare with
-  std::filesystem::path recordings_manifest;             ///< says what each is; empty: their folder's, else their names do
+  std::filesystem::path recordings;           ///< empty: none to compare with
+  std::filesystem::path recordings_manifest;  ///< says what each is; empty: their folder's, else their names do
+  /// Motions of cloth that were captured, by name, beside those that the groups have of their own.
+  std::vector<std::pair<std::string, std::vector<engine::StreamItem>>> captures = {};
   std::function<void(double)> progress = [](double) {};  ///< part of the group done, from any of its threads
 };
 

@@ -14,7 +14,7 @@
 namespace rustle::validation {
 namespace {
 
-constexpr double kDuration_s = 12;
+constexpr double kClicks_s = 12;
 constexpr double kTone_hz = 1000, kDoppler_hz = 150;
 constexpr int kFrames_per_s = 60;
 
@@ -39,7 +39,7 @@ class Wander {
 };
 
 std::vector<float> tone() {
-  std::vector<float> unit(static_cast<std::size_t>((kDuration_s + 1) * kRate_hz));
+  std::vector<float> unit(static_cast<std::size_t>((kClicks_s + 1) * kRate_hz));
   for (std::size_t n = 0; n < unit.size(); ++n) {
     unit[n] = 0.1F * static_cast<float>(std::sin(2 * std::numbers::pi * kTone_hz * static_cast<double>(n) / kRate_hz));
   }
@@ -51,7 +51,7 @@ std::vector<float> heard_tone(std::uint64_t seed) {
   std::array<Wander, 6> wander = {Wander(seed),     Wander(seed + 1), Wander(seed + 2),
                                   Wander(seed + 3), Wander(seed + 4), Wander(seed + 5)};
   stage.flap(stage_resonator({0, 0, 0.25}, sheet::Vec3d(0.6, 0, 0.8)), 0);
-  for (int k = 0; k <= kDuration_s * kFrames_per_s; ++k) {
+  for (int k = 0; k <= kClicks_s * kFrames_per_s; ++k) {
     const double t = static_cast<double>(k) / kFrames_per_s;
     spatial::Listener listener = above();
     listener.position_m = {0.9 + 0.5 * wander[0].at(t), 0.6 * wander[1].at(t), 0.8 + 0.4 * wander[2].at(t)};
@@ -66,7 +66,7 @@ std::vector<float> heard_tone(std::uint64_t seed) {
     if (k == 0) stage.hand_over();
   }
   stage.hand_over();
-  return stage.run(static_cast<synthesis::SampleTime>(kDuration_s * kRate_hz));
+  return stage.run(static_cast<synthesis::SampleTime>(kClicks_s * kRate_hz));
 }
 
 /// Power away from the tone over the tone's, in the worst of blocks of 0.34 s.
@@ -112,7 +112,7 @@ Findings clicks(const Setting& setting) {
       {"clicks/tone", runs_db[worst], std::nullopt, at_most(-60, "dB"), "dB",
        fmt::format("a tone of {:.0f} Hz while listener, table and a wall move at random for {:.0f} s: power more than "
                    "{:.0f} Hz away from it, in the worst third of a second",
-                   kTone_hz, kDuration_s, kDoppler_hz)});
+                   kTone_hz, kClicks_s, kDoppler_hz)});
   report::Plot plot;
   plot.x = {"frequency (Hz)", true, 20, 24000, {}};
   plot.y = {"power over the tone's (dB)", false, -140, 5, {}};

@@ -24,10 +24,18 @@ Findings clicks(const Setting& setting);
 Findings units(const Setting& setting);
 /// P13 and the merging of dense bursts (P9).
 Findings fine_events(const Setting& setting);
+/// T4 and T6: the sound of tearing, and Figs. 6 to 8 of its paper.
+Findings tearing(const Setting& setting);
+/// Fig. 9 of Lejemble et al. 2015: height and lengths of the cone between the hands that tear a sheet.
+Findings tear_cone(const Setting& setting);
 /// The reference events that fix loudness.
 Findings levels(const Setting& setting);
 /// Table 2: time per frame.
 Findings timing(const Setting& setting);
+/// C1, C3 and C4 alone, and what the packs of cloth hold.
+Findings cloth_data(const Setting& setting);
+/// Cloth through its whole pipeline (C1 - C9), and Fig. 3 of An et al. 2012.
+Findings cloth(const Setting& setting);
 /// The pack beside recordings, class by class.
 Findings recordings(const Setting& setting);
 

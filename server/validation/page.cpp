@@ -144,8 +144,9 @@ std::string page(const std::vector<GroupFindings>& all, const std::vector<std::p
       sum.failed == 0 ? fmt::format("All {} checks hold", sum.checks)
                       : fmt::format("{} of {} checks do not hold", sum.failed, sum.checks),
       body,
-      "Made by Rustle. Paper: Schreck, Rohmer, James, Hahmann, Cani: Real-time sound synthesis for paper "
-      "material based on geometric analysis, SCA 2016.");
+      "Made by Rustle. Papers: Schreck, Rohmer, James, Hahmann, Cani: Real-time sound synthesis for paper "
+      "material based on geometric analysis, SCA 2016; Lejemble et al.: Interactive procedural simulation of paper tearing "
+      "with sound, MIG 2015.");
 }
 
 }  // namespace rustle::validation

@@ -16,7 +16,7 @@
 namespace rustle::validation {
 namespace {
 
-constexpr double kDuration_s = 40;
+constexpr double kRubbed_s = 40;
 constexpr double kBentEdge_m = 0.210, kStraightEdge_m = 0.297;
 constexpr std::array<double, 2> kCompressions = {0.30, 0.10};
 constexpr std::array<double, 3> kWallDistances_m = {0.10, 0.20, 0.40};
@@ -31,7 +31,7 @@ struct OnTable {
 };
 
 std::vector<float> slid(const Setting& setting, double compression, bool reflecting) {
-  const auto sheet = make_rubbed({kBentEdge_m, kStraightEdge_m, compression, 1333}, kDuration_s);
+  const auto sheet = make_rubbed({kBentEdge_m, kStraightEdge_m, compression, 1333}, kRubbed_s);
   Take take;
   take.sheet = sheet.get();
   take.obstacles = {table(reflecting)};

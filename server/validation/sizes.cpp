@@ -10,7 +10,7 @@
 namespace rustle::validation {
 namespace {
 
-constexpr double kDuration_s = 24;
+constexpr double kFriction_s = 24;
 constexpr int kReversals = 12;
 
 /// The paper bends the first edge; its A5 is 105 x 297 mm.
@@ -18,16 +18,16 @@ struct Format {
   std::string_view name;
   double bent_edge_m, straight_edge_m, compression;
 };
-enum Sheet : std::size_t { kA4, kHalfA4, kA5, kA6, kFlat, kFormats };
-constexpr std::array<Format, kFormats> kSheets = {{{"A4", 0.210, 0.297, 0.30},
-                                                   {"half A4", 0.210, 0.148, 0.30},
-                                                   {"A5 (105 x 297)", 0.105, 0.297, 0.30},
-                                                   {"A6", 0.105, 0.148, 0.30},
-                                                   {"flat A4", 0.210, 0.297, 0}}};
+enum FormatIndex : std::size_t { kA4, kHalfA4, kA5, kA6, kFlatA4, kFormats };
+constexpr std::array<Format, kFormats> kFormatsRubbed = {{{"A4", 0.210, 0.297, 0.30},
+                                                          {"half A4", 0.210, 0.148, 0.30},
+                                                          {"A5 (105 x 297)", 0.105, 0.297, 0.30},
+                                                          {"A6", 0.105, 0.148, 0.30},
+                                                          {"flat A4", 0.210, 0.297, 0}}};
 
 struct Step {
   std::string_view name;
-  Sheet larger, smaller;
+  FormatIndex larger, smaller;
 };
 constexpr std::array<Step, 4> kSteps = {
     {{"A4_to_half_A4", kA4, kHalfA4}, {"A4_to_A5", kA4, kA5}, {"half_A4_to_A6", kHalfA4, kA6}, {"A5_to_A6", kA5, kA6}}};
@@ -43,14 +43,14 @@ void add_steps(std::string_view kind, const std::vector<double>& centroids_hz, c
   }
 }
 
-Figure spectra_figure(std::string title, std::string caption, const std::vector<std::vector<float>>& spectra,
-                      std::size_t count) {
+Figure format_figure(std::string title, std::string caption, const std::vector<std::vector<float>>& spectra,
+                     std::size_t count) {
   report::Plot plot;
   plot.x = {"frequency (Hz)", true, 100, 20000, {}};
   plot.y = {"level (dB)", false, -40, 3, {}};
   for (std::size_t k = 0; k < count; ++k) {
-    plot.series.push_back({fmt::format("{}, {:.0f} Hz", kSheets[k].name, centroid_hz(spectra[k])), smoothed_db(spectra[k]),
-                           report::series_colour(static_cast<int>(k))});
+    plot.series.push_back({fmt::format("{}, {:.0f} Hz", kFormatsRubbed[k].name, centroid_hz(spectra[k])),
+                           smoothed_db(spectra[k]), report::series_colour(static_cast<int>(k))});
   }
   return {std::move(title), std::move(caption), plot};
 }
@@ -59,25 +59,25 @@ Figure spectra_figure(std::string title, std::string caption, const std::vector<
 
 Findings sizes(const Setting& setting) {
   // Friction, friction as printed, flaps.
-  std::vector<std::vector<float>> rubbed(kFormats), printed(kFlat), flapped(kFlat);
+  std::vector<std::vector<float>> rubbed(kFormats), printed(kFlatA4), flapped(kFlatA4);
   run_all(setting, rubbed.size() + printed.size() + flapped.size(), [&](std::size_t k) {
     Take take;
     take.seed = setting.seed + 100 * k;
     std::unique_ptr<sheets::AnimatedSheet> sheet;
-    if (k < kFormats + kFlat) {
+    if (k < kFormats + kFlatA4) {
       const bool as_printed = k >= kFormats;
       const std::size_t which = as_printed ? k - kFormats : k;
-      const Format& format = kSheets[which];
-      sheet = make_rubbed({format.bent_edge_m, format.straight_edge_m, format.compression, 1333}, kDuration_s);
+      const Format& format = kFormatsRubbed[which];
+      sheet = make_rubbed({format.bent_edge_m, format.straight_edge_m, format.compression, 1333}, kFriction_s);
       take.sheet = sheet.get();
       take.obstacles = {table()};
       if (as_printed) take.mode = engine::Mode::kPublished;
       (as_printed ? printed : rubbed)[which] = spectrum_of(play(setting, take).samples);
     } else {
-      const std::size_t which = k - kFormats - kFlat;
+      const std::size_t which = k - kFormats - kFlatA4;
       FlappedSheet flap;
-      flap.bent_edge_m = kSheets[which].bent_edge_m;
-      flap.straight_edge_m = kSheets[which].straight_edge_m;
+      flap.bent_edge_m = kFormatsRubbed[which].bent_edge_m;
+      flap.straight_edge_m = kFormatsRubbed[which].straight_edge_m;
       flap.reversals = kReversals;
       sheet = make_flapped(flap);
       take.sheet = sheet.get();
@@ -92,17 +92,18 @@ Findings sizes(const Setting& setting) {
   };
   Findings found;
   add_steps("friction", centroids(rubbed), centroids(printed), found);
-  found.checks.push_back({"sizes/friction/flat_apart", distance(rubbed[kFlat], rubbed[kA4]), std::nullopt, at_least(0.05),
+  found.checks.push_back({"sizes/friction/flat_apart", distance(rubbed[kFlatA4], rubbed[kA4]), std::nullopt, at_least(0.05),
                           "", "distance between an A4 sheet slid flat and slid bent"});
   add_steps("flap", centroids(flapped), {}, found);
   found.figures.push_back(
-      spectra_figure("Figure 12: friction by size",
-                     "Sheets bent by 30 % and a flat one, slid over the table at 0.1 m/s. The smaller the "
-                     "sheet, the higher the spectrum; in the legend its centroid.",
-                     rubbed, kFormats));
-  found.figures.push_back(spectra_figure(
-      "Figure 13: flaps by size",
-      fmt::format("Mean of {} reversals of the whole bend (10 %) of each sheet, in the air.", kReversals), flapped, kFlat));
+      format_figure("Figure 12: friction by size",
+                    "Sheets bent by 30 % and a flat one, slid over the table at 0.1 m/s. The smaller the "
+                    "sheet, the higher the spectrum; in the legend its centroid.",
+                    rubbed, kFormats));
+  found.figures.push_back(
+      format_figure("Figure 13: flaps by size",
+                    fmt::format("Mean of {} reversals of the whole bend (10 %) of each sheet, in the air.", kReversals),
+                    flapped, kFlatA4));
   return found;
 }
 

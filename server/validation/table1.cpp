@@ -11,8 +11,8 @@
 namespace rustle::validation {
 namespace {
 
-constexpr double kDuration_s = 24;  // six times to and fro
-constexpr int kRepetitions = 4;     // of the reference sheet, for the noise floor
+constexpr double kTable_s = 24;  // six times to and fro
+constexpr int kRepetitions = 4;  // of the reference sheet, for the noise floor
 
 enum Sheet : std::size_t { kReference, kR5, kR20, kC5, kC20, kComp20, kComp40, kComp80, kS2, kS3, kSheets };
 
@@ -41,13 +41,13 @@ std::unique_ptr<sheets::AnimatedSheet> make_sheet(std::size_t which) {
       sheet.compression = 0.80;
       break;
     case kS2:
-      return make_rubbed(Trapezoid::kCurvedBases, kDuration_s);
+      return make_rubbed(Trapezoid::kCurvedBases, kTable_s);
     case kS3:
-      return make_rubbed(Trapezoid::kStraightBases, kDuration_s);
+      return make_rubbed(Trapezoid::kStraightBases, kTable_s);
     default:
       break;
   }
-  return make_rubbed(sheet, kDuration_s);
+  return make_rubbed(sheet, kTable_s);
 }
 
 struct Row {

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <numbers>
 #include <stdexcept>
 
@@ -102,7 +101,7 @@ std::vector<float> Heard::between(double from_s, double to_s) const {
   return part;
 }
 
-Heard play(const Setting& setting, const Take& take) {
+std::vector<engine::StreamItem> stream_of(const Take& take) {
   const auto& mesh = take.sheet->mesh();
   const std::size_t vertices = mesh.material_coordinates.size();
   sheet::Topology::Input input;
@@ -113,43 +112,46 @@ Heard play(const Setting& setting, const Take& take) {
   auto topology = sheet::Topology::make(std::move(input));
   if (!topology) throw std::runtime_error(topology.error());
 
-  std::deque<engine::StreamItem> before;
+  std::vector<engine::StreamItem> items;
   engine::SheetDescription description;
   description.id = 1;
   description.name = "virtual sheet";
-  before.emplace_back(description);
+  items.emplace_back(description);
   if (!take.obstacles.empty()) {
     scene::SceneUpdate update;
     update.obstacles = take.obstacles;
-    before.emplace_back(update);
+    items.emplace_back(update);
   }
   scene::Listener listener;
   listener.position_m = take.listener_m;
-  before.emplace_back(listener);
+  items.emplace_back(listener);
 
   const auto frames = static_cast<int>(std::floor(take.sheet->duration_s() * take.frame_rate_hz + 1e-6));
-  int next_frame = 0;
   std::vector<float> xyz(3 * vertices);
   std::vector<std::uint8_t> held(vertices);
-  Heard heard;
-  std::string refusal;
-  session::OfflineEnds ends;
-  ends.next = [&]() -> std::optional<engine::StreamItem> {
-    if (!before.empty()) {
-      engine::StreamItem item = std::move(before.front());
-      before.pop_front();
-      return item;
-    }
-    if (next_frame > frames) return std::nullopt;
+  for (int k = 0; k <= frames; ++k) {
     sheet::MeshFrame frame;
     frame.sheet = 1;
-    frame.time_s = next_frame++ / take.frame_rate_hz;
+    frame.time_s = k / take.frame_rate_hz;
     frame.topology = *topology;
     take.sheet->positions(frame.time_s, xyz);
     for (std::size_t v = 0; v < vertices; ++v) frame.positions_m.emplace_back(xyz[3 * v], xyz[3 * v + 1], xyz[3 * v + 2]);
     take.sheet->anchored(frame.time_s, held);
     frame.anchored.assign(held.begin(), held.end());
-    return frame;
+    items.emplace_back(std::move(frame));
+  }
+  return items;
+}
+
+Heard play(const Setting& setting, const Take& take) {
+  std::vector<engine::StreamItem> items = stream_of(take);
+  std::size_t next = 0;
+  Heard heard;
+  std::string refusal;
+  session::OfflineEnds ends;
+  ends.next = [&]() -> std::optional<engine::StreamItem> {
+    if (next == items.size()) return std::nullopt;
+    return std::move(items[next++]);
   };
   ends.observed = [&](const observation::Observation& observed) { heard.observed.push_back(observed); };
   ends.refused = [&](const engine::Refusal& refused) { refusal = refused.field + ": " + refused.message; };
@@ -162,7 +164,7 @@ Heard play(const Setting& setting, const Take& take) {
   options.mode = take.mode;
   options.layout = engine::Layout::kMono;
   options.rate_hz = kRate_hz;
-  options.default_material = setting.material;
+  options.default_material = take.material.empty() ? setting.material : take.material;
   options.max_sheets = 1;
   heard.summary = session::render_offline(options, setting.packs, 1, ends);
   if (!refusal.empty()) throw std::runtime_error(refusal);

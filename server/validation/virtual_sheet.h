@@ -2,10 +2,12 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "client_sdk/sheets/animated_sheet.h"
 #include "server/engine/options.h"
+#include "server/engine/stream_item.h"
 #include "server/observation/observation.h"
 #include "server/scene/scene.h"
 #include "server/session/offline.h"
@@ -29,6 +31,7 @@ struct Take {
   double frame_rate_hz = 60;
   engine::Mode mode = engine::Mode::kCorrected;
   std::uint64_t seed = 1;
+  std::string material = {};  ///< empty: the setting's
 };
 
 struct Heard {
@@ -40,6 +43,9 @@ struct Heard {
   /// The samples of [from_s, to_s), zero where there are none.
   std::vector<float> between(double from_s, double to_s) const;
 };
+
+/// The animation from 0 to its end, with what is around it, as a simulator would send it.
+std::vector<engine::StreamItem> stream_of(const Take& take);
 
 /// Renders the animation from 0 to its end, as `rustle render` would. Throws std::runtime_error when an item is refused.
 Heard play(const Setting& setting, const Take& take);
