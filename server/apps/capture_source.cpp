@@ -4,16 +4,14 @@
 
 #include <algorithm>
 
-namespace rustle::apps {
-namespace {
+#include "server/wire/decisions.h"
 
-/// Of a topic "/SESSION/...".
+namespace rustle::apps {
+
 std::string_view session_of(std::string_view topic) {
   if (topic.starts_with('/')) topic.remove_prefix(1);
   return topic.substr(0, topic.find('/'));
 }
-
-}  // namespace
 
 tl::expected<CaptureSource, std::string> CaptureSource::open(const std::filesystem::path& file) {
   auto reader = capture::CaptureReader::open(file);
@@ -23,24 +21,29 @@ tl::expected<CaptureSource, std::string> CaptureSource::open(const std::filesyst
   source.file_bytes_ = std::filesystem::file_size(file, ignored);
   source.options_.clock = session::Clock::kSimulation;
   std::optional<double> first_time;
+  bool any_message = false;
   while (!first_time) {
-    auto envelope = source.next_envelope();
-    if (!envelope) break;
-    if (envelope->body() == wire::StreamEnvelope::Body::kAnnouncement) {
-      if (source.announced_) continue;
-      auto announced = envelope->announcement();
-      if (!announced) {
-        source.note(announced.error());
+    auto entry = source.read_entry();
+    if (!entry) break;
+    if (const auto* message = std::get_if<Message>(&*entry)) {
+      const auto& envelope = message->envelope;
+      if (envelope.body() == wire::StreamEnvelope::Body::kAnnouncement) {
+        if (source.announced_) continue;
+        auto announced = envelope.announcement();
+        if (!announced) {
+          source.note(announced.error());
+          continue;
+        }
+        source.options_ = std::move(announced->options);
+        source.announced_ = true;
         continue;
       }
-      source.options_ = std::move(announced->options);
-      source.announced_ = true;
-      continue;
+      any_message = true;
+      first_time = envelope.time_s();
     }
-    first_time = envelope->time_s();
-    source.ahead_.push_back(std::move(*envelope));
+    source.ahead_.push_back(std::move(*entry));
   }
-  if (source.ahead_.empty()) {
+  if (!any_message) {
     return tl::unexpected(fmt::format("{}: holds no frames{}; make a capture with `rustle import`", file.string(),
                                       source.recovery().complete ? "" : " before its damage: " + source.recovery().what));
   }
@@ -49,43 +52,80 @@ tl::expected<CaptureSource, std::string> CaptureSource::open(const std::filesyst
   return source;
 }
 
-std::optional<wire::StreamEnvelope> CaptureSource::next_envelope() {
+std::uint64_t CaptureSource::count_arrival() {
+  if (state_to_come_ == 0) return next_arrival_++;
+  --state_to_come_;
+  return 0;
+}
+
+std::optional<session::Decision> CaptureSource::read_decision(const capture::CaptureRecord& record) {
+  auto decision = wire::decode_decision(std::as_bytes(std::span(record.bytes)));
+  if (!decision) {
+    note(decision.error());
+    return std::nullopt;
+  }
+  if (const auto* begun = std::get_if<session::RecordingBegun>(&*decision)) {
+    begun_ = *begun;
+    state_to_come_ = begun->state_messages;
+    next_arrival_ = begun->first_arrival;
+  }
+  return std::move(*decision);
+}
+
+std::optional<CaptureSource::Entry> CaptureSource::read_entry() {
   while (auto record = reader_.next()) {
-    if (record->kind != capture::Kind::kStreamMessage) continue;
-    auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), session_of(record->topic));
+    const auto session = session_of(record->topic);
+    if (record->kind == capture::Kind::kDecision) {
+      if (session != session_id_) continue;
+      if (auto decision = read_decision(*record)) return std::move(*decision);
+      continue;
+    }
+    auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), session);
     if (!envelope) {
       note(envelope.error());
+      if (session == session_id_) count_arrival();
       continue;
     }
     if (session_id_.empty()) session_id_ = envelope->session_id();
-    if (envelope->session_id() == session_id_) return std::move(*envelope);
+    if (envelope->session_id() != session_id_) continue;
+    return Message{count_arrival(), std::move(*envelope)};
   }
   return std::nullopt;
 }
 
-std::optional<engine::StreamItem> CaptureSource::next() {
-  for (;;) {
-    std::optional<wire::StreamEnvelope> envelope;
-    if (!ahead_.empty()) {
-      envelope = std::move(ahead_.front());
-      ahead_.pop_front();
-    } else {
-      envelope = next_envelope();
-    }
-    if (!envelope) return std::nullopt;
-    auto decoded = decoder_->decode(*envelope);
-    if (!decoded) {
-      note(decoded.error());
-      continue;
-    }
-    if (!decoded->item) continue;
-    if (const auto* frame = std::get_if<sheet::MeshFrame>(&*decoded->item)) {
-      if (frames_ == 0) first_time_s_ = frame->time_s;
-      newest_time_s_ = std::max(frames_ == 0 ? frame->time_s : newest_time_s_, frame->time_s);
-      ++frames_;
-    }
-    return std::move(decoded->item);
+std::optional<CaptureSource::Record> CaptureSource::next_record() {
+  std::optional<Entry> entry;
+  if (!ahead_.empty()) {
+    entry = std::move(ahead_.front());
+    ahead_.pop_front();
+  } else {
+    entry = read_entry();
   }
+  if (!entry) return std::nullopt;
+  if (auto* decision = std::get_if<session::Decision>(&*entry)) return std::move(*decision);
+  const auto& [arrival, envelope] = std::get<Message>(*entry);
+  Arrived arrived{arrival, std::nullopt};
+  auto decoded = decoder_->decode(envelope);
+  if (!decoded) {
+    note(decoded.error());
+    return arrived;
+  }
+  if (!decoded->item) return arrived;
+  if (const auto* frame = std::get_if<sheet::MeshFrame>(&*decoded->item)) {
+    if (frames_ == 0) first_time_s_ = frame->time_s;
+    newest_time_s_ = std::max(frames_ == 0 ? frame->time_s : newest_time_s_, frame->time_s);
+    ++frames_;
+  }
+  arrived.item = std::move(decoded->item);
+  return arrived;
+}
+
+std::optional<engine::StreamItem> CaptureSource::next() {
+  while (auto record = next_record()) {
+    auto* arrived = std::get_if<Arrived>(&*record);
+    if (arrived != nullptr && arrived->item) return std::move(arrived->item);
+  }
+  return std::nullopt;
 }
 
 double CaptureSource::progress() const {

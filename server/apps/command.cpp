@@ -72,12 +72,16 @@ Progress::~Progress() {
 }
 
 void Progress::show(double share) {
+  if (on_terminal_) show(fmt::format("{:3.0f} %", 100 * share));
+}
+
+void Progress::show(const std::string& so_far) {
   if (!on_terminal_) return;
   const double now_s = std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
   if (shown_ && now_s - last_shown_s_ < 0.1) return;
   last_shown_s_ = now_s;
   shown_ = true;
-  fmt::print(stderr, "\r\033[K{} {:3.0f} %", what_, 100 * share);
+  fmt::print(stderr, "\r\033[K{} {}", what_, so_far);
   std::fflush(stderr);
 }
 

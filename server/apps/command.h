@@ -16,14 +16,21 @@ enum ExitStatus : int { kDone = 0, kFailed = 1, kWrongUsage = 2 };
 
 using Action = std::function<int()>;
 
+void add_compare(CLI::App& app, Action& action);
 void add_demo(CLI::App& app, Action& action);
 void add_doctor(CLI::App& app, Action& action);
+void add_gain(CLI::App& app, Action& action);
 void add_import(CLI::App& app, Action& action);
 void add_inspect(CLI::App& app, Action& action);
+void add_keys(CLI::App& app, Action& action);
 void add_listen(CLI::App& app, Action& action);
+void add_load(CLI::App& app, Action& action);
 void add_pack(CLI::App& app, Action& action);
+void add_record(CLI::App& app, Action& action);
 void add_render(CLI::App& app, Action& action);
 void add_replay(CLI::App& app, Action& action);
+void add_top(CLI::App& app, Action& action);
+void add_trace(CLI::App& app, Action& action);
 void add_validate(CLI::App& app, Action& action);
 
 /// Prints "rustle: MESSAGE" on standard error and returns `status`.
@@ -49,6 +56,8 @@ class Progress {
   ~Progress();
   /// Shows a share from 0 to 1, at most ten times a second.
   void show(double share);
+  /// The same of work whose end is not known: how far it is, in words.
+  void show(const std::string& so_far);
 
  private:
   std::string what_;

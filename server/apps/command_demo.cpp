@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -14,13 +13,13 @@
 #include <sstream>
 #include <thread>
 
-#include "client_sdk/capture/capture_writer.h"
 #include "client_sdk/cpp/observation_reader.h"
 #include "client_sdk/cpp/session.h"
-#include "client_sdk/cpp/stream_messages.h"
-#include "client_sdk/sheets/demos.h"
+#include "client_sdk/sheets/stream_demos.h"
 #include "server/apps/command.h"
 #include "server/apps/daemon.h"
+#include "server/apps/demo_recording.h"
+#include "server/apps/scratch_folder.h"
 #include "server/apps/wording.h"
 #include "server/report/spectrogram_picture.h"
 #include "server/sinks/wav.h"
@@ -34,26 +33,9 @@ constexpr double kFlapTold_m = 0.002;
 constexpr std::uint32_t kSheet = 1;
 
 struct DemoArguments {
-  std::string what = "bend_slide_snap_shake", output = "demo", material = "printer-paper", capture;
+  std::string what = "bend_slide_snap_shake", output = "demo", material, capture, tips = "sent";
   std::uint64_t seed = 1;
   std::size_t triangles = 1333;
-};
-
-/// A folder for the demo's own sockets, gone when it is.
-class SocketFolder {
- public:
-  SocketFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "rustle-demo-XXXXXX").string();
-    if (mkdtemp(name.data()) != nullptr) path_ = name;
-  }
-  ~SocketFolder() {
-    std::error_code ignored;
-    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
-  }
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
 };
 
 /// Tells what is heard as it comes, and keeps it for the picture.
@@ -121,152 +103,88 @@ class Teller {
   bool sliding_ = false;
 };
 
-using Failure = std::optional<std::string>;
-
 template <typename T>
 Failure failure_of(const tl::expected<T, client::Error>& result) {
   return result ? Failure{} : Failure{client::to_string(result.error())};
 }
 
-/// Keeps what the demo's session sends as a capture, which takes its name in finish(). Log times are simulation times.
-class Recording {
- public:
-  ~Recording() {
-    std::error_code ignored;
-    if (!partial_.empty()) std::filesystem::remove(partial_, ignored);
-  }
+using Demos = std::vector<std::unique_ptr<sheets::SheetStream>>;
 
-  Failure open(const std::string& file, const client::SessionOptions& options) {
-    file_ = file;
-    capture::CaptureWriterOptions writer_options;
-    writer_options.notes["source"] = "rustle demo";
-    auto writer = capture::CaptureWriter::create(file + ".partial", std::move(writer_options));
-    if (!writer) return writer.error().text();
-    partial_ = file + ".partial";
-    writer_.emplace(std::move(*writer));
-    v1::StreamMessage announcement;
-    announcement.mutable_announcement()->set_protocol_version(capture::kWireVersion);
-    announcement.mutable_announcement()->set_name(options.name);
-    client::internal::write(options, announcement.mutable_announcement()->mutable_options());
-    if (auto failed = keep(announcement)) return failed;
-    for (const auto& sheet : options.sheets) {
-      v1::StreamMessage message;
-      client::internal::write(sheet, message.mutable_sheet());
-      if (auto failed = keep(message)) return failed;
-    }
-    return {};
-  }
-  Failure topology(const client::Topology& topology) {
-    v1::StreamMessage message;
-    client::internal::write(topology, message.mutable_topology());
-    return keep(message);
-  }
-  Failure scene(const client::SceneUpdate& update) {
-    v1::StreamMessage message;
-    client::internal::write(update, message.mutable_scene());
-    return keep(message);
-  }
-  Failure frame(std::uint64_t topology_id, double time_s, std::span<const float> positions,
-                const client::FrameExtras& extras) {
-    if (!writer_) return {};
-    v1::StreamMessage message;
-    v1::MeshFrame* frame = message.mutable_frame();
-    frame->set_sheet_id(kSheet);
-    frame->set_topology_id(topology_id);
-    frame->set_time_s(time_s);
-    client::internal::set_bytes(positions, frame->mutable_positions());
-    client::internal::write(extras, frame);
-    time_s_ = time_s;
-    return keep(message);
-  }
-  Failure finish() {
-    if (!writer_) return {};
-    v1::StreamMessage end;
-    end.mutable_end();
-    if (auto failed = keep(end)) return failed;
-    if (auto closed = writer_->close(); !closed) return closed.error().text();
-    std::error_code cause;
-    std::filesystem::rename(partial_, file_, cause);
-    if (cause) return capture::storage_error(file_, "take the file's name", cause).text();
-    partial_.clear();
-    return {};
-  }
-
- private:
-  Failure keep(v1::StreamMessage& message) {
-    if (!writer_) return {};
-    message.set_session_id("demo");
-    message.set_sequence(++sequence_);
-    const auto log_time_ns = static_cast<std::uint64_t>(std::llround(1e9 * time_s_));
-    if (auto written = writer_->write(capture::record_of(message, log_time_ns, log_time_ns)); !written)
-      return written.error().text();
-    return {};
-  }
-
-  std::optional<capture::CaptureWriter> writer_;
-  std::string file_, partial_;
-  std::uint64_t sequence_ = 0;
-  double time_s_ = 0;
-};
-
-using Demos = std::vector<std::unique_ptr<sheets::AnimatedSheet>>;
-
-constexpr double kPause_s = 0.3;  // between demos
+constexpr double kBetweenDemos_s = 0.3;  // between demos
 
 double duration_s(const Demos& demos) {
-  double sum = kPause_s * static_cast<double>(demos.size() - 1);
+  double sum = kBetweenDemos_s * static_cast<double>(demos.size() - 1);
   for (const auto& demo : demos) sum += demo->duration_s();
   return sum;
 }
 
-/// Sends one demo's frames as a simulator would, from `start_s` on.
-Failure simulate(client::Session& session, Recording& recording, const sheets::AnimatedSheet& sheet,
-                 std::uint64_t topology_id, double start_s, const std::function<void(double)>& sent) {
-  const auto& mesh = sheet.mesh();
-  const std::size_t vertices = mesh.material_coordinates.size();
-  std::vector<float> positions(3 * vertices);
-  std::vector<std::uint8_t> held(vertices);
+/// What a demo is sent to: its session, and its capture where one is wanted.
+struct Receivers {
+  client::Session& session;
+  DemoRecording& recording;
+  bool sends_tips = true;
+  std::uint64_t topologies = 0;  ///< sent so far
+};
+
+Failure send_topology(Receivers& to, const sheets::SheetMesh& mesh) {
   client::Topology topology;
-  topology.id = topology_id;
-  topology.vertex_count = static_cast<std::uint32_t>(vertices);
+  topology.id = ++to.topologies;
+  topology.vertex_count = static_cast<std::uint32_t>(mesh.material_coordinates.size());
   topology.triangles = {mesh.triangles.front().data(), 3 * mesh.triangles.size()};
-  topology.material_coordinates = {mesh.material_coordinates.front().data(), 2 * vertices};
-  if (auto failed = recording.topology(topology)) return failed;
-  if (auto failed = failure_of(session.add_topology(topology))) return failed;
-  if (sheet.on_table()) {
-    client::SceneUpdate scene;
-    scene.time_s = start_s;
-    scene.obstacles.push_back(
-        {.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
-    if (auto failed = recording.scene(scene)) return failed;
-    if (auto failed = failure_of(session.scene(scene))) return failed;
-  }
-  const auto frames = static_cast<int>(std::ceil(sheet.duration_s() * kFramesPerSecond));
+  topology.material_coordinates = {mesh.material_coordinates.front().data(), 2 * mesh.material_coordinates.size()};
+  if (auto failed = to.recording.topology(topology)) return failed;
+  return failure_of(to.session.add_topology(topology));
+}
+
+Failure send_table(Receivers& to, double time_s) {
+  client::SceneUpdate scene;
+  scene.time_s = time_s;
+  scene.obstacles.push_back(
+      {.id = 1, .name = "table", .surface_material = "wooden-table", .reflecting = true, .shape = client::Plane{}});
+  if (auto failed = to.recording.scene(scene)) return failed;
+  return failure_of(to.session.scene(scene));
+}
+
+/// Sends one demo's frames as a simulator would, from `start_s` on.
+Failure simulate(Receivers& to, sheets::SheetStream& stream, double start_s, const std::function<void(double)>& sent) {
+  const auto frames = static_cast<int>(std::ceil(stream.duration_s() * kFramesPerSecond));
+  std::shared_ptr<const sheets::SheetMesh> mesh;
   for (int k = 0; k <= frames; ++k) {
     const double time_s = k / kFramesPerSecond;
-    sheet.positions(time_s, positions);
-    sheet.anchored(time_s, held);
+    const sheets::StreamedFrame& frame = stream.frame(time_s);
+    if (frame.mesh != mesh) {
+      mesh = frame.mesh;
+      if (auto failed = send_topology(to, *mesh)) return failed;
+    }
+    if (k == 0 && stream.on_table()) {
+      if (auto failed = send_table(to, start_s)) return failed;
+    }
+    std::vector<client::TearTip> tips;
+    if (to.sends_tips) {
+      for (const auto& tip : frame.tear_tips) tips.push_back({tip.id, tip.position_m, tip.speed_m_per_s, tip.direction});
+    }
     client::FrameExtras extras;
-    extras.anchored = held;
-    extras.reset_history = k == 0;
-    if (auto failed = recording.frame(topology_id, start_s + time_s, positions, extras)) return failed;
-    if (auto failed = failure_of(session.frame(kSheet, topology_id, start_s + time_s, positions, extras))) return failed;
+    extras.anchored = frame.anchored;
+    extras.reset_history = frame.fresh;
+    extras.tear_tips = tips;
+    if (auto failed = to.recording.frame(kSheet, to.topologies, start_s + time_s, frame.xyz_m, extras)) return failed;
+    if (auto failed = failure_of(to.session.frame(kSheet, to.topologies, start_s + time_s, frame.xyz_m, extras)))
+      return failed;
     sent(start_s + time_s);
   }
   return {};
 }
 
-Failure simulate(client::Session& session, Recording& recording, const Demos& demos) {
+Failure simulate(Receivers to, const Demos& demos) {
   Progress progress("simulating");
   double start_s = 0;
-  std::uint64_t topology_id = 0;
   for (const auto& demo : demos) {
     const auto sent = [&](double time_s) { progress.show(time_s / duration_s(demos)); };
-    if (auto failed = simulate(session, recording, *demo, ++topology_id, start_s, sent)) return failed;
-    start_s += demo->duration_s() + kPause_s;
+    if (auto failed = simulate(to, *demo, start_s, sent)) return failed;
+    start_s += demo->duration_s() + kBetweenDemos_s;
   }
-  if (auto failed = recording.finish()) return failed;
-  return failure_of(session.end());
+  if (auto failed = to.recording.finish()) return failed;
+  return failure_of(to.session.end());
 }
 
 struct Heard {
@@ -274,7 +192,8 @@ struct Heard {
   std::uint32_t rate_hz = 0, channels = 0;
 };
 
-Failure play(const DemoArguments& arguments, const Demos& demos, const std::string& control, Heard& heard, Teller& teller) {
+Failure play(const DemoArguments& arguments, const Demos& demos, bool cloth, const std::string& control, Heard& heard,
+             Teller& teller) {
   auto connection = client::Connection::connect({control, {}, {}});
   if (auto failed = failure_of(connection)) return failed;
   client::SessionOptions options;
@@ -282,8 +201,12 @@ Failure play(const DemoArguments& arguments, const Demos& demos, const std::stri
   options.clock = client::Clock::kSimulation;
   options.seed = arguments.seed;
   options.default_material = arguments.material;
-  options.sheets.push_back({.id = kSheet, .name = arguments.what});
-  Recording recording;
+  client::SheetOptions sheet;
+  sheet.id = kSheet;
+  sheet.name = arguments.what;
+  if (cloth) sheet.kind = client::SheetKind::kCloth;
+  options.sheets.push_back(sheet);
+  DemoRecording recording;
   if (!arguments.capture.empty()) {
     if (auto failed = recording.open(arguments.capture, options)) return failed;
   }
@@ -310,7 +233,7 @@ Failure play(const DemoArguments& arguments, const Demos& demos, const std::stri
     }
     failed = "no sound came back for 30 s";
   });
-  Failure sending = simulate(*session, recording, demos);
+  Failure sending = simulate({*session, recording, arguments.tips == "sent"}, demos);
   if (sending) static_cast<void>(session->end());
   listener_thread.join();
   done.store(true);
@@ -321,30 +244,42 @@ Failure play(const DemoArguments& arguments, const Demos& demos, const std::stri
   return sending ? sending : failed;
 }
 
-int run(const DemoArguments& arguments) {
+int run(DemoArguments arguments) {
+  if (arguments.material.empty()) {
+    std::stringstream first(arguments.what);
+    std::string name;
+    std::getline(first, name, ',');
+    arguments.material = sheets::usual_material(name);
+  }
   Demos demos;
   std::stringstream names(arguments.what);
   for (std::string name; std::getline(names, name, ',');) {
-    demos.push_back(sheets::make_demo(name, arguments.triangles, arguments.seed));
+    demos.push_back(sheets::make_stream_demo(name, arguments.triangles, arguments.seed, arguments.material));
     if (demos.back()) continue;
     std::string known;
-    for (const auto one : sheets::demo_names()) known += " " + std::string(one);
+    for (const auto one : sheets::stream_demo_names()) known += " " + std::string(one);
     return complain(fmt::format("there is no demo \"{}\"; there are:{}", name, known), kWrongUsage);
   }
   if (demos.empty()) return complain("name a demo, as in `rustle demo snap`", kWrongUsage);
-  const std::string wav_name = arguments.output + ".wav", picture_name = arguments.output + ".png";
+  const std::string& output = arguments.output;
+  const std::string stem = output.ends_with(".wav") ? output.substr(0, output.size() - 4) : output;
+  const std::string wav_name = stem + ".wav", picture_name = stem + ".png";
   if (auto conflict = output_conflict({}, {wav_name, picture_name, arguments.capture}); !conflict.empty())
     return complain(conflict, kWrongUsage);
   auto packs = std::make_shared<pack::PackLibrary>();
   if (auto found = packs->find(arguments.material); !found) return complain(found.error().text(), kWrongUsage);
 
-  const SocketFolder folder;
+  const auto pack = packs->load(arguments.material, {}, 48000);
+  if (!pack) return complain(pack.error().text(), kFailed);
+  const bool cloth = (*pack)->cloth != nullptr;
+
+  const ScratchFolder folder;
   if (folder.path().empty())
     return complain("no folder for the demo's sockets could be made; set TMPDIR to one that is yours", kFailed);
   DaemonOptions options;
-  options.sockets.control = "ipc://" + folder.path() + "/control";
-  options.sockets.stream = "ipc://" + folder.path() + "/stream";
-  options.sockets.out = "ipc://" + folder.path() + "/out";
+  options.sockets.control = "ipc://" + folder.path().string() + "/control";
+  options.sockets.stream = "ipc://" + folder.path().string() + "/stream";
+  options.sockets.out = "ipc://" + folder.path().string() + "/out";
   spdlog::set_level(spdlog::level::warn);
   auto daemon = Daemon::open(options, packs);
   if (!daemon) return complain(daemon.error(), kFailed);
@@ -352,10 +287,10 @@ int run(const DemoArguments& arguments) {
   std::thread network([&] { (*daemon)->run(stop); });
 
   fmt::print("A sheet of {} attaches to the daemon, {:.1f} s of motion, {}.\n", arguments.material, duration_s(demos),
-             counted(demos.front()->mesh().triangles.size(), "triangle"));
+             counted(arguments.triangles, "triangle"));
   Heard heard;
   Teller teller;
-  const auto failed = play(arguments, demos, options.sockets.control, heard, teller);
+  const auto failed = play(arguments, demos, cloth, options.sockets.control, heard, teller);
   stop.store(true);
   network.join();
   if (failed) return complain(*failed, kFailed);
@@ -388,11 +323,19 @@ void add_demo(CLI::App& app, Action& action) {
       "Example: rustle demo snap --material printer-paper -o snap --capture snap.mcap\n"
       "The capture serves the other commands: `rustle render snap.mcap -o again.wav` gives the same samples.");
   std::string names;
-  for (const auto known : sheets::demo_names()) names += (names.empty() ? "" : ", ") + std::string(known);
+  for (const auto known : sheets::stream_demo_names()) names += (names.empty() ? "" : ", ") + std::string(known);
   command->add_option("WHAT", arguments->what, "One or several, separated by commas: " + names)->capture_default_str();
-  command->add_option("-o,--output", arguments->output, "Writes OUTPUT.wav and OUTPUT.png")->capture_default_str();
+  command
+      ->add_option("-o,--output", arguments->output,
+                   "Writes OUTPUT.wav and OUTPUT.png; a name that ends with .wav is taken without")
+      ->capture_default_str();
   command->add_option("--capture", arguments->capture, "Keeps the motion that is sent as a capture (.mcap)");
-  command->add_option("--material", arguments->material, "The sheet's material")->capture_default_str();
+  command->add_option("--material", arguments->material, "The sheet's material [printer-paper; of cloth cotton]");
+  command
+      ->add_option("--tips", arguments->tips,
+                   "Where a sheet is torn: \"sent\" with its frames, or \"found\" by the daemon in the mesh")
+      ->check(CLI::IsMember({"sent", "found"}))
+      ->capture_default_str();
   command->add_option("--seed", arguments->seed, "Seed of everything random")->capture_default_str();
   command->add_option("--triangles", arguments->triangles, "Of the sheet's mesh")
       ->check(CLI::Range(50, 100000))

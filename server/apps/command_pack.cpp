@@ -78,23 +78,15 @@ int run_generate(const std::string& material, const std::string& folder, bool fo
   return kDone;
 }
 
-std::vector<std::string> generatable() {
-  std::vector<std::string> names;
-  for (const auto& paper : generate::papers()) names.emplace_back(paper.name);
-  return names;
-}
-
 /// A file in the folder that the pack does not name; empty: none.
 std::string stranger_in(const std::filesystem::path& folder) {
   pack::Findings findings;
   const auto manifest = pack::read_manifest(folder, findings);
   if (!manifest) return {};
   std::set<std::string> own = {pack::kManifestName};
-  const auto add = [&](const auto& entries) {
-    for (const auto& entry : entries) own.insert(std::filesystem::path(entry.file).lexically_normal().generic_string());
-  };
-  if (manifest->pack.crumpling) add(manifest->pack.crumpling->units);
-  if (manifest->pack.friction) add(manifest->pack.friction->spectra);
+  for (const auto& file : pack::named_files(*manifest)) {
+    own.insert(std::filesystem::path(file).lexically_normal().generic_string());
+  }
   std::error_code failed;
   for (std::filesystem::recursive_directory_iterator at(folder, failed), end; !failed && at != end; at.increment(failed)) {
     const auto name = at->path().lexically_relative(folder).generic_string();
@@ -155,7 +147,8 @@ std::shared_ptr<const pack::SoundPack> load_pack_or_complain(const std::string& 
 }
 
 void add_pack(CLI::App& app, Action& action) {
-  auto* command = app.add_subcommand("pack", "List, check, show, play, generate and build sound packs");
+  auto* command = app.add_subcommand(
+      "pack", "List, check, show, play, generate, build and calibrate sound packs; change them while a daemon sounds");
   command->require_subcommand(1);
   command->footer("Example: rustle pack list && rustle pack check my-paper/");
 
@@ -176,7 +169,7 @@ void add_pack(CLI::App& app, Action& action) {
 
   auto* generate = command->add_subcommand("generate", "Generate a default pack");
   generate->footer("Example: rustle pack generate --material printer-paper -o packs/printer-paper");
-  generate->add_option("--material", *material, "Which one")->check(CLI::IsMember(generatable()))->required();
+  generate->add_option("--material", *material, "Which one")->check(CLI::IsMember(generate::material_names()))->required();
   generate->add_option("-o,--output", *folder, "The folder to write")->required();
   auto force = std::make_shared<bool>(false);
   generate->add_flag("--force", *force, "Replace a pack that is there already");
@@ -185,8 +178,11 @@ void add_pack(CLI::App& app, Action& action) {
   });
 
   add_pack_build(*command, action);
+  add_pack_calibrate(*command, action);
   add_pack_show(*command, action);
   add_pack_play(*command, action);
+  add_pack_change(*command, action);
+  add_pack_reload(*command, action);
 }
 
 }  // namespace rustle::apps

@@ -27,12 +27,13 @@ using observation::Resonator;
 struct PlayArguments {
   std::string pack, output = "pack.wav", kind;
   std::optional<double> l_r_m, l_c_m;
-  double speed_m_per_s = 0.1, seconds = 1.5;
+  std::optional<double> speed_m_per_s;
+  double seconds = 1.5;
   std::uint32_t rate_hz = 0;
   bool json = false;
 };
 
-constexpr double kPause_s = 0.35, kFlap_s = 0.9, kClac_s = 0.4, kRamp_s = 0.1;
+constexpr double kSpeed_m_per_s = 0.1, kPause_s = 0.35, kFlap_s = 0.9, kClac_s = 0.4, kRamp_s = 0.1;
 constexpr int kTimes = 3;  // that a grid point's units are heard
 constexpr std::size_t kMostPoints = 12;
 
@@ -213,6 +214,17 @@ int run_play(const PlayArguments& arguments) {
   if (const auto wrong = misuse(arguments); !wrong.empty()) return complain(wrong, kWrongUsage);
   const auto pack = load_pack_or_complain(arguments.pack, arguments.rate_hz);
   if (!pack) return kFailed;
+  if (pack->cloth) {
+    if (arguments.l_r_m || arguments.kind == "flap" || arguments.kind == "clac")
+      return complain(
+          fmt::format("{}: is a pack of cloth: it has no grid, and is heard with --class friction, crumpling or corpus",
+                      arguments.pack),
+          kWrongUsage);
+    return play_cloth(*pack, {arguments.output, arguments.kind, arguments.speed_m_per_s, arguments.seconds, arguments.json});
+  }
+  if (arguments.kind == "crumpling" || arguments.kind == "corpus")
+    return complain(fmt::format("{}: is a pack of paper: it is heard with --class flap, clac or friction", arguments.pack),
+                    kWrongUsage);
   std::vector<Stop> stops = tour_of(*pack, arguments);
   if (stops.empty()) {
     return complain(fmt::format("{}: has no {} to play; `rustle pack check` says what it lacks", arguments.pack,
@@ -222,7 +234,7 @@ int run_play(const PlayArguments& arguments) {
   Audition audition(pack);
   for (const Stop& stop : stops) {
     if (stop.friction) {
-      audition.slide(stop.point, arguments.speed_m_per_s, stop.from_s, stop.to_s);
+      audition.slide(stop.point, arguments.speed_m_per_s.value_or(kSpeed_m_per_s), stop.from_s, stop.to_s);
     } else {
       audition.strike(stop.point, stop.from_s);
     }
@@ -281,14 +293,19 @@ void add_pack_play(CLI::App& pack, Action& action) {
       "Example: rustle pack play printer-paper -o tour.wav\n"
       "         rustle pack play my-paper/ --class friction --l-r 0.1 --l-c 0.2 --speed 0.3 -o slide.wav\n"
       "A tour of clacs, flaps and slides over the pack's grid, through the same synthesis as a render: events of the\n"
-      "amplitude the units were made for, dry, heard at 1 m on the axis.");
+      "amplitude the units were made for, dry, heard at 1 m on the axis. Of cloth: friction at several speeds, crumpling "
+      "from\n"
+      "soft to loud, and the corpus, as recorded.");
   command->add_option("PACK", arguments->pack, "The pack's folder, or a material that is found")->required();
   command->add_option("-o,--output", arguments->output, "WAV file to write; pack.wav when absent");
-  command->add_option("--class", arguments->kind, "Only these sounds")->check(CLI::IsMember({"flap", "clac", "friction"}));
+  command->add_option("--class", arguments->kind, "Only these sounds")
+      ->check(CLI::IsMember({"flap", "clac", "friction", "crumpling", "corpus"}));
   command->add_option("--l-r", arguments->l_r_m, "Only a sheet of this ruling length in m; the nearest in the pack sounds")
       ->check(CLI::Range(0.0, 10.0));
   command->add_option("--l-c", arguments->l_c_m, "Its free border length in m")->check(CLI::Range(0.0, 10.0));
-  command->add_option("--speed", arguments->speed_m_per_s, "Of slides, in m/s; 0.1 when absent")
+  command
+      ->add_option("--speed", arguments->speed_m_per_s,
+                   "Of slides, in m/s; 0.1 when absent, for cloth five over the measured range")
       ->check(CLI::Range(0.001, 10.0));
   command->add_option("--seconds", arguments->seconds, "How long each slide lasts; 1.5 when absent")
       ->check(CLI::Range(0.5, 60.0));

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "server/apps/cloth_picture.h"
 #include "server/apps/command_pack.h"
 #include "server/apps/pack_picture.h"
 #include "server/report/image_canvas.h"
@@ -24,11 +25,17 @@ int run_show(const ShowArguments& arguments) {
   if (!pack) return kFailed;
   tl::expected<void, std::string> written;
   if (ending == ".html") {
-    written = report::write_file(arguments.output, pack_page(*pack));
+    written = report::write_file(arguments.output, pack->cloth ? cloth_pack_page(*pack) : pack_page(*pack));
   } else {
-    report::ImageCanvas canvas(static_cast<int>(kPackPictureWidth), static_cast<int>(kPackPictureHeight),
+    const double width = pack->cloth ? kClothPictureWidth : kPackPictureWidth;
+    const double height = pack->cloth ? kClothPictureHeight : kPackPictureHeight;
+    report::ImageCanvas canvas(static_cast<int>(width), static_cast<int>(height),
                                arguments.light ? report::light_theme() : report::dark_theme());
-    draw_pack(canvas, *pack);
+    if (pack->cloth) {
+      draw_cloth_pack(canvas, *pack);
+    } else {
+      draw_pack(canvas, *pack);
+    }
     written = report::write_png(arguments.output, canvas.pixels());
   }
   if (!written) return complain(written.error(), kFailed);
@@ -40,8 +47,9 @@ int run_show(const ShowArguments& arguments) {
 
 void add_pack_show(CLI::App& pack, Action& action) {
   auto arguments = std::make_shared<ShowArguments>();
-  auto* command =
-      pack.add_subcommand("show", "Draw a pack: waveforms, friction spectra, centroids and levels over its grid");
+  auto* command = pack.add_subcommand(
+      "show",
+      "Draw a pack: waveforms, friction spectra, centroids and levels over its grid; of cloth its sweep and its units");
   command->footer(
       "Example: rustle pack show printer-paper -o printer-paper.png\n"
       "         rustle pack show my-paper/ -o my-paper.html   # with a table of every sound");

@@ -8,9 +8,13 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "server/apps/capture_source.h"
 #include "server/apps/command.h"
+#include "server/apps/directed_source.h"
+#include "server/apps/emitter_files.h"
+#include "server/apps/gain_text.h"
 #include "server/apps/render_report.h"
 #include "server/apps/wording.h"
 #include "server/session/offline.h"
@@ -24,14 +28,16 @@ namespace rustle::apps {
 namespace {
 
 struct RenderArguments {
-  std::string capture, output, material, channels, hrtf, mode, format = "f32", fine_events = "auto", listener, facing, stems,
-                                                               events, report;
+  std::string capture, output, material, channels, hrtf, mode, format = "f32", fine_events = "auto", cloth_features,
+                                                               listener, facing, stems, emitters, events, report;
+  std::vector<std::string> gains;
   int friction_fft_size = 0;
   std::optional<std::uint64_t> seed;
   int block_size = 128;
   int workers = 1;
   int rate_hz = 0;
   double gain_db = 0;
+  bool ignore_decisions = false;
   bool json = false;
 };
 
@@ -46,6 +52,33 @@ std::optional<sheet::Vec3d> parse_point(const std::string& text) {
 sinks::WavFormat wav_format(const std::string& name) {
   if (name == "s16") return sinks::WavFormat::kInt16;
   return name == "s24" ? sinks::WavFormat::kInt24 : sinks::WavFormat::kFloat32;
+}
+
+/// By name, or as the session says where none is given.
+cloth::Search cloth_search(const std::string& name, session::ClothFeatures sessions) {
+  if (name == "symmetric" || (name.empty() && sessions == session::ClothFeatures::kSymmetric))
+    return cloth::Search::kSymmetric;
+  if (name == "global" || (name.empty() && sessions == session::ClothFeatures::kGlobal)) return cloth::Search::kGlobal;
+  return cloth::Search::kCausal;
+}
+
+/// What is to be said of gains that concern no sheet that was seen.
+std::vector<std::string> unused_gains(const engine::Options& options, const RenderFacts& facts) {
+  std::vector<std::string> out;
+  for (const auto& gain : options.gains) {
+    std::string sheets;
+    bool concerned = false;
+    for (const auto& [id, sheet] : facts.sheets) {
+      const std::string material =
+          options.every_material.value_or(sheet.material.empty() ? options.default_material : sheet.material);
+      concerned |= gain.sheet_id.value_or(id) == id && (gain.material.empty() || gain.material == material);
+      sheets += fmt::format("{}sheet {} of {}", sheets.empty() ? "" : ", ", id, material);
+    }
+    if (!concerned)
+      out.push_back(
+          fmt::format("--gain {} concerns no sheet; there is: {}", to_text(gain), sheets.empty() ? "none" : sheets));
+  }
+  return out;
 }
 
 /// A stem per sheet and kind, in a file of its own from the first time it sounds.
@@ -90,6 +123,24 @@ class StemFiles {
   std::map<std::size_t, sinks::WavWriter> files_;
 };
 
+tl::expected<void, std::string> write_emitters(const engine::AudioQuantum& quantum, EmitterFiles& files) {
+  for (const synthesis::EmitterSound& sound : quantum.emitters->sounds()) {
+    const auto point = [](const spatial::Vec3& v) { return sheet::Vec3d(v.x, v.y, v.z); };
+    const auto written =
+        files.add({.emitter = sound.id,
+                   .sheet = quantum.sheets[static_cast<std::size_t>(synthesis::sheet_of(sound.bus))],
+                   .kind = wire::kind_name(synthesis::kind_of(sound.bus)),
+                   .first_sample = quantum.first_sample,
+                   .position_m = point(sound.position_m),
+                   .normal = point(sound.normal),
+                   .last = sound.last,
+                   .missing = 0,
+                   .samples = sound.last ? std::span<const float>() : std::span<const float>(sound.samples)});
+    if (!written) return written;
+  }
+  return {};
+}
+
 /// Hands quanta on in blocks of the size asked for, as a sound card would take them.
 class Blocks {
  public:
@@ -124,7 +175,14 @@ int run(const RenderArguments& arguments) {
   auto source = CaptureSource::open(arguments.capture);
   if (!source) return complain(source.error(), std::filesystem::exists(arguments.capture) ? kFailed : kWrongUsage);
 
-  session::SessionOptions options = session::replayed(source->options());
+  const bool directed = source->begun() && !arguments.ignore_decisions;
+  session::SessionOptions options = directed ? source->options() : session::replayed(source->options());
+  if (directed && arguments.rate_hz != 0 && static_cast<std::uint32_t>(arguments.rate_hz) != options.rate_hz) {
+    return complain(fmt::format("--rate {}: the recording's decisions count samples at {} Hz; leave it out, or add "
+                                "--ignore-decisions",
+                                arguments.rate_hz, options.rate_hz),
+                    kWrongUsage);
+  }
   if (arguments.seed) options.seed = *arguments.seed;
   if (!arguments.mode.empty()) {
     options.mode = arguments.mode == "published" ? session::SynthesisMode::kPublished : session::SynthesisMode::kCorrected;
@@ -159,7 +217,20 @@ int run(const RenderArguments& arguments) {
   }
   engine::Options engine_options = session::engine_options(options, head);
   engine_options.gain_db = arguments.gain_db;
+  for (const auto& text : arguments.gains) {
+    const auto gain = parse_gain(text);
+    if (!gain) return complain("--gain: " + gain.error(), kWrongUsage);
+    engine_options.gains.push_back(*gain);
+  }
   engine_options.stems = !arguments.stems.empty();
+  engine_options.emitters = !arguments.emitters.empty();
+  if (!directed) engine_options.cloth_search = cloth_search(arguments.cloth_features, options.cloth_features);
+  if (directed && !arguments.cloth_features.empty() && arguments.cloth_features != "causal") {
+    return complain(fmt::format("--cloth-features {}: a daemon's recording was heard with causal ones; leave it out, or add "
+                                "--ignore-decisions",
+                                arguments.cloth_features),
+                    kWrongUsage);
+  }
   if (arguments.fine_events != "auto") engine_options.fine_events = arguments.fine_events == "on";
   if (!arguments.material.empty()) engine_options.every_material = arguments.material;
 
@@ -186,6 +257,12 @@ int run(const RenderArguments& arguments) {
   auto wav = sinks::WavWriter::create(arguments.output, engine_options.rate_hz, channels, format);
   if (!wav) return complain(wav.error(), kFailed);
 
+  std::optional<EmitterFiles> emitters;
+  if (!arguments.emitters.empty()) {
+    auto created = EmitterFiles::create(arguments.emitters, engine_options.rate_hz, format);
+    if (!created) return complain(created.error(), kFailed);
+    emitters = std::move(*created);
+  }
   StemFiles stems(arguments.stems, engine_options.rate_hz, channels, format);
   Blocks blocks(arguments.block_size, channels);
   sinks::EventLog log;
@@ -213,6 +290,25 @@ int run(const RenderArguments& arguments) {
     progress.show(source->progress());
     return item;
   };
+  std::optional<DirectedSource> steps;
+  if (directed) {
+    steps.emplace(*source);
+    ends.next_directed = [&]() -> std::optional<session::DirectedItem> {
+      if (listener) {
+        session::DirectedItem first;
+        first.what = engine::StreamItem(*std::exchange(listener, std::nullopt));
+        return first;
+      }
+      auto step = steps->next();
+      progress.show(source->progress());
+      auto* item = step ? std::get_if<engine::StreamItem>(&step->what) : nullptr;
+      if (item == nullptr) return step;
+      facts.see(*item);
+      if (!arguments.listener.empty() && std::holds_alternative<scene::Listener>(*item))
+        step->what = session::RenderedTo{step->accepted_at};
+      return step;
+    };
+  }
   bool unidentified = false;
   ends.observed = [&](const observation::Observation& observed) {
     unidentified |= observed.unidentified;
@@ -230,16 +326,19 @@ int run(const RenderArguments& arguments) {
     if (keep_samples) heard.insert(heard.end(), quantum.mix.begin(), quantum.mix.end());
     auto written = blocks.add(quantum.mix, keep);
     if (written && !arguments.stems.empty()) written = stems.write(quantum);
+    if (written && emitters) written = write_emitters(quantum, *emitters);
     if (!written) failure = written.error();
     return failure.empty();
   };
   const auto summary = session::render_offline(engine_options, packs, arguments.workers, ends);
+  const std::uint64_t frames = directed ? summary.frames : source->frames();
   while (source->next()) {  // whether the file ends as it should shows at its end only
   }
   if (failure.empty()) {
     auto closed = blocks.flush(keep);
     if (closed) closed = wav->close();
     if (closed) closed = stems.close();
+    if (closed && emitters) closed = emitters->close();
     if (!closed) failure = closed.error();
   }
   if (!failure.empty()) return complain(failure, kFailed);
@@ -260,12 +359,18 @@ int run(const RenderArguments& arguments) {
         "only "
         "what its bending feeds; import `material_coordinates` with it");
   }
+  const std::int64_t first_sample = directed ? source->begun()->first_sample : 0;
+  if (first_sample > 0) {
+    warn(fmt::format("{} begins {:.2f} s into its session: what sounded or moved before then is missing", arguments.capture,
+                     static_cast<double>(first_sample) / engine_options.rate_hz));
+  }
   std::vector<std::string> notices;
   auto refused = source->refused();
   refused.insert(engine_refusals.begin(), engine_refusals.end());
   for (const auto& [code, refusals] : refused) {
     notices.push_back(fmt::format("{} left out, first: {}", counted(refusals.count, "message"), refusals.first));
   }
+  for (auto& unused : unused_gains(engine_options, facts)) notices.push_back(std::move(unused));
   if (!source->recovery().complete) notices.push_back(source->recovery().what);
   if (source->frames() == 0) notices.push_back(fmt::format("{}: not one frame could be used", arguments.capture));
 
@@ -274,7 +379,7 @@ int run(const RenderArguments& arguments) {
     facts.first_time_s = source->first_time_s();
     facts.duration_s = source->newest_time_s() - source->first_time_s();
     facts.render_s = elapsed_s;
-    facts.frames = source->frames();
+    facts.frames = frames;
     facts.limited_samples = summary.render.samples_limited;
     facts.notices = notices;
     if (auto written = write_render_report(arguments.report, facts, events, heard, *packs); !written) {
@@ -285,6 +390,9 @@ int run(const RenderArguments& arguments) {
   const Losses losses{summary.render.voices_stolen,     summary.render.voices_dropped, summary.render.sources_dropped,
                       summary.render.cues_dropped,      summary.plan.sounds_missing,   summary.plan.planes_left_out,
                       summary.render.samples_not_finite};
+  const auto dropped = directed ? steps->frames_dropped() : std::map<std::string, std::uint64_t>{};
+  std::uint64_t all_dropped = 0;
+  for (const auto& [cause, count] : dropped) all_dropped += count;
   std::map<std::string, std::uint64_t> by_kind{{"crumpling", 0}, {"friction", 0}, {"tearing", 0}};
   for (const auto& event : events) ++by_kind[sinks::name_of(event.kind)];
   if (arguments.json) {
@@ -293,7 +401,7 @@ int run(const RenderArguments& arguments) {
                                               {"samples", summary.samples},
                                               {"rate_hz", engine_options.rate_hz},
                                               {"channels", channels},
-                                              {"frames", source->frames()},
+                                              {"frames", frames},
                                               {"events", by_kind},
                                               {"peak_dbfs", dbfs(peak)},
                                               {"rms_dbfs", dbfs(rms)},
@@ -305,16 +413,21 @@ int run(const RenderArguments& arguments) {
                                               {"sounds_missing", losses.sounds_missing},
                                               {"planes_left_out", losses.planes_left_out},
                                               {"voices_merged", summary.plan.voices_merged},
+                                              {"emitters", emitters ? emitters->count() : 0},
+                                              {"emitter_samples_left_out", summary.emitter_samples_left_out},
                                               {"samples_limited", summary.render.samples_limited},
                                               {"samples_not_finite", losses.samples_not_finite},
                                               {"elapsed_s", elapsed_s},
                                               {"analysis_s", summary.analysis_s},
                                               {"synthesis_s", summary.synthesis_s},
+                                              {"first_sample", first_sample},
+                                              {"frames_dropped", dropped},
                                               {"left_out", notices}}
                            .dump());
   } else {
-    fmt::print("{}: {:.2f} s from {}, {}, {}, {}; peak {}, RMS {}; {}; rendered in {:.2f} s, {:.0f}x real time\n",
-               arguments.output, seconds, counted(source->frames(), "frame"),
+    fmt::print("{}: {:.2f} s from {}{}, {}, {}, {}; peak {}, RMS {}; {}; rendered in {:.2f} s, {:.0f}x real time\n",
+               arguments.output, seconds, counted(frames, "frame"),
+               all_dropped == 0 ? "" : fmt::format(" ({} dropped by the daemon)", all_dropped),
                counted(by_kind["crumpling"], "crumpling event"), counted(by_kind["friction"], "friction episode"),
                counted(by_kind["tearing"], "tear"), level_text(peak), level_text(rms), to_string(losses), elapsed_s,
                seconds / std::max(elapsed_s, 1e-9));
@@ -330,7 +443,9 @@ void add_render(CLI::App& app, Action& action) {
   command->footer(
       "Example: rustle render crumple.mcap -o crumple.wav --events crumple.jsonl --report crumple.html\n"
       "Without --material the capture's own is used, else printer paper; without --listener the capture's own, else\n"
-      "1 m from the sheet's first centroid at 30 degrees above. What cannot be used is left out, named, and status 1.");
+      "1 m from the sheet's first centroid at 30 degrees above. What cannot be used is left out, named, and status 1.\n"
+      "A daemon's recording gives what the daemon sent, sample for sample: the frames it dropped are not heard, and every\n"
+      "frame is heard when it was. With --ignore-decisions all of them are, as simulation time has it.");
   command->add_option("CAPTURE", arguments->capture, "The capture (.mcap)")->required();
   command->add_option("-o,--output", arguments->output, "The WAV file to write")->required();
   command->add_option("--material", arguments->material, "Material of every sheet, such as printer-paper");
@@ -360,19 +475,32 @@ void add_render(CLI::App& app, Action& action) {
                    "Events below what the mesh shows: on, off, or auto: of paper, not of cloth")
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->capture_default_str();
+  command
+      ->add_option("--cloth-features", arguments->cloth_features,
+                   "How cloth finds its sounds: causal, as live; symmetric, looking ahead as published; or global, with the "
+                   "choices of least total cost; the capture's own when absent")
+      ->check(CLI::IsMember({"causal", "symmetric", "global"}));
   command->add_option("--listener", arguments->listener, "Where it is heard, x,y,z in metres, z up");
   command->add_option("--facing", arguments->facing, "Which way the listener looks, x,y,z; at the sheets when absent");
   command->add_option("--gain-db", arguments->gain_db, "Gain before the limiter")
       ->check(CLI::Range(-120.0, 60.0))
       ->capture_default_str();
+  command
+      ->add_option("--gain", arguments->gains, fmt::format("Gain of some of the sounds, may be said again; {}", kGainSyntax))
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   command->add_option("--rate", arguments->rate_hz, "Sample rate in Hz; the capture's own when absent, else 48000")
       ->check(CLI::IsMember({44100, 48000, 96000}));
   command->add_option("--format", arguments->format, "Sample format")
       ->check(CLI::IsMember({"f32", "s16", "s24"}))
       ->capture_default_str();
   command->add_option("--stems", arguments->stems, "Folder for a WAV file per sheet and kind, before the limiter");
+  command->add_option("--emitters", arguments->emitters,
+                      "Folder for the dry sound of every emitter: a WAV file each, and emitters.jsonl with their positions");
   command->add_option("--events", arguments->events, "Event list to write, a JSON object per line");
   command->add_option("--report", arguments->report, "HTML report to write, one file");
+  command->add_flag("--ignore-decisions", arguments->ignore_decisions,
+                    "Of a daemon's recording: every frame that arrived, on the clock of simulation time");
   command->add_flag("--json", arguments->json, "Print the summary as JSON");
   command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

@@ -19,7 +19,9 @@
 #include "client_sdk/capture/capture_reader.h"
 #include "client_sdk/capture/retime.h"
 #include "client_sdk/cpp/session.h"
+#include "server/apps/capture_source.h"
 #include "server/apps/command.h"
+#include "server/apps/daemon_address.h"
 #include "server/apps/wording.h"
 #include "server/session/settled_options.h"
 #include "server/sinks/wav.h"
@@ -34,7 +36,8 @@ using Body = wire::StreamEnvelope::Body;
 constexpr std::chrono::milliseconds kLastNotices{100};  // on their way when a live session has ended
 
 struct ReplayArguments {
-  std::string capture, clock = "live", control = "tcp://127.0.0.1:7390", material, wav, session, channels, hrtf;
+  DaemonAddress daemon;
+  std::string capture, clock = "live", material, wav, session, channels, hrtf;
   std::optional<std::uint64_t> seed;
   std::optional<double> from_s, to_s;
   double speed = 1;
@@ -71,7 +74,7 @@ tl::expected<Selection, std::string> read_selection(const ReplayArguments& argum
   std::optional<double> first_time, first_frame, last_frame, previous_frame;
   while (auto record = reader->next()) {
     if (record->kind != capture::Kind::kStreamMessage) continue;
-    auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), {});
+    auto envelope = wire::StreamEnvelope::parse(std::as_bytes(std::span(record->bytes)), session_of(record->topic));
     if (!envelope) continue;
     if (selection.name.empty()) selection.name = envelope->session_id();
     if (envelope->session_id() != selection.name) continue;
@@ -143,6 +146,7 @@ client::SessionOptions attach_options(const ReplayArguments& arguments, const Se
   if (arguments.channels == "binaural") options.channels = client::Channels::kBinaural;
   options.hrtf = arguments.hrtf.empty() ? said.hrtf : arguments.hrtf;
   options.friction_fft_size = said.friction_fft_size;
+  options.most_voices = said.most_voices;
   options.default_material = arguments.material.empty() ? said.default_material : arguments.material;
   if (simulation) options.playout_delay_s = said.playout_delay_s;
   return options;
@@ -228,7 +232,7 @@ int run(const ReplayArguments& arguments) {
   if (!selection) return complain(selection.error(), kFailed);
   const bool live = arguments.clock == "live";
 
-  auto connection = client::Connection::connect({arguments.control, {}, {}});
+  auto connection = connect_to(arguments.daemon);
   if (!connection) return complain(client::to_string(connection.error()) + " Start one with `rustled`.", kFailed);
   // A replay that lost a part would be no replay.
   auto session =
@@ -356,7 +360,7 @@ void add_replay(CLI::App& app, Action& action) {
                       "Whose ears hear binaural sound: structural, kemar or another name that the daemon offers");
   command->add_option("--session", arguments->session, "Session name; the capture's when absent");
   command->add_option("--wav", arguments->wav, "WAV file for the sound that comes back");
-  command->add_option("--control", arguments->control, "The daemon's control endpoint")->capture_default_str();
+  add_daemon_options(*command, arguments->daemon);
   command->add_flag("--json", arguments->json, "Print figures as JSON");
   command->callback([arguments, &action] { action = [arguments] { return run(*arguments); }; });
 }

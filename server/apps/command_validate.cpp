@@ -6,9 +6,13 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <thread>
 
+#include "client_sdk/capture/import.h"
+#include "server/apps/capture_source.h"
 #include "server/apps/command.h"
+#include "server/apps/scratch_folder.h"
 #include "server/report/image_canvas.h"
 #include "server/validation/page.h"
 #include "server/validation/validate.h"
@@ -17,7 +21,7 @@ namespace rustle::apps {
 namespace {
 
 struct ValidateArguments {
-  std::string pack = "printer-paper", report, against, manifest;
+  std::string pack = "printer-paper", report, against, captures, manifest;
   std::vector<std::string> only;
   std::uint64_t seed = 1;
   int workers = 0;
@@ -72,6 +76,38 @@ void print_json(const std::vector<validation::GroupFindings>& all) {
   fmt::print("{}\n", nlohmann::ordered_json{{"checks", list}}.dump(2));
 }
 
+/// Whether a file is named after a material that there is a pack of cloth of.
+bool named_after_cloth(const std::filesystem::path& file, pack::PackLibrary& packs) {
+  const std::string name = file.stem().string();
+  for (const std::string& material : packs.materials()) {
+    if (name.find(material) == std::string::npos) continue;
+    const auto pack = packs.load(material, {}, validation::kRate_hz);
+    if (pack && (*pack)->cloth) return true;
+  }
+  return false;
+}
+
+/// What a capture holds, or a .npz file that could be one.
+tl::expected<std::vector<engine::StreamItem>, std::string> read_motion(const std::filesystem::path& file) {
+  std::filesystem::path readable = file;
+  std::optional<ScratchFolder> scratch;
+  if (file.extension() == ".npz") {
+    scratch.emplace();
+    if (scratch->path().empty())
+      return tl::unexpected(std::string("no folder for captures could be made; set TMPDIR to one that is yours"));
+    readable = scratch->path() / "motion.mcap";
+    capture::ImportOptions options;
+    options.sheet_kind = v1::SHEET_KIND_CLOTH;
+    if (auto imported = capture::import_capture(file.string(), readable, options); !imported)
+      return tl::unexpected(imported.error().text());
+  }
+  auto source = CaptureSource::open(readable);
+  if (!source) return tl::unexpected(source.error());
+  std::vector<engine::StreamItem> items;
+  while (auto item = source->next()) items.push_back(std::move(*item));
+  return items;
+}
+
 int run(const ValidateArguments& arguments) {
   if (arguments.list) return run_list(arguments.json);
   const auto began = std::chrono::steady_clock::now();
@@ -109,6 +145,23 @@ int run(const ValidateArguments& arguments) {
   auto pack = setting.packs->load(setting.material, {}, validation::kRate_hz);
   if (!pack) return complain(pack.error().text(), kFailed);
   setting.pack = *pack;
+  if (!arguments.captures.empty()) {
+    if (!std::filesystem::is_directory(arguments.captures))
+      return complain(fmt::format("--captures {}: there is no such folder", arguments.captures), kWrongUsage);
+    std::vector<std::filesystem::path> files;
+    for (const auto& entry : std::filesystem::directory_iterator(arguments.captures)) {
+      const auto extension = entry.path().extension();
+      if ((extension == ".mcap" || extension == ".npz") && named_after_cloth(entry.path(), *setting.packs))
+        files.push_back(entry.path());
+    }
+    std::ranges::sort(files);
+    for (const auto& file : files) {
+      auto items = read_motion(file);
+      if (!items) return complain(items.error(), kFailed);
+      setting.captures.emplace_back(file.stem().string(), std::move(*items));
+    }
+    if (files.empty()) warn(fmt::format("--captures {}: no .mcap or .npz file is named after a cloth", arguments.captures));
+  }
   const auto chosen = validation::chosen_groups(setting, arguments.only);
   if (!chosen) return complain("--only: " + chosen.error(), kWrongUsage);
 
@@ -160,6 +213,7 @@ void add_validate(CLI::App& app, Action& action) {
   command->footer(
       "Example: rustle validate --report validation.html\n"
       "         rustle validate --only table1 levels --json\n"
+      "         rustle validate --only cloth --captures captures/\n"
       "         rustle validate --against session/ --manifest session.toml --report beside.html\n"
       "Sheets that exist on the computer only go through the whole pipeline. \"as printed\": with the papers' formulas\n"
       "unchanged. Status 0 when every check holds, else 1.");
@@ -167,6 +221,9 @@ void add_validate(CLI::App& app, Action& action) {
   command->add_option("--report", arguments->report, "Write a page with every figure and plot (.html)");
   command->add_option("--pack", arguments->pack, "Material, or the folder of a sound pack")->capture_default_str();
   command->add_option("--against", arguments->against, "Folder of recordings to compare the pack with, class by class");
+  command->add_option(
+      "--captures", arguments->captures,
+      "Folder of captures (.mcap, .npz); those named after a cloth, such as cotton, are heard in all of them");
   command->add_option("--manifest", arguments->manifest,
                       "What each recording is, as for `rustle pack build`; else the folder's recordings.toml, else the "
                       "files' names");

@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "server/monitor/http_address.h"
 #include "server/wire/endpoint.h"
 
 namespace rustle::apps {
@@ -18,8 +19,14 @@ Settings::Check bindable(std::string key, bool may_be_empty) {
 }
 
 std::string connectable(const std::string& endpoint) {
-  const auto allowed = wire::check_connect_endpoint(endpoint, "network.connect");
+  const auto allowed = wire::check_connect_endpoint(endpoint.substr(0, endpoint.find('#')), "network.connect");
   return allowed ? std::string() : allowed.error();
+}
+
+std::string http_address(const std::string& address) {
+  if (address == "off") return {};
+  const auto parsed = monitor::parse_http_address(address, "network.http");
+  return parsed ? std::string() : parsed.error();
 }
 
 /// A list of processors, or nothing.
@@ -38,14 +45,22 @@ Settings settings_of(Configuration& configuration) {
   auto& daemon = configuration.daemon;
 
   all.section("network", "Where simulators and listeners meet the daemon");
-  all.text("network.control", "--control", daemon.sockets.control, "Endpoint of requests, loopback tcp or ipc",
-           bindable("network.control", false));
-  all.text("network.stream", "--stream", daemon.sockets.stream, "Endpoint of frames, loopback tcp or ipc; \"\" for none",
+  all.text("network.control", "--control", daemon.sockets.control,
+           "Endpoint of requests, tcp or ipc; beyond this machine only with keys", bindable("network.control", false));
+  all.text("network.stream", "--stream", daemon.sockets.stream, "Endpoint of frames, tcp or ipc; \"\" for none",
            bindable("network.stream", true));
-  all.text("network.out", "--out", daemon.sockets.out, "Endpoint of sound, loopback tcp or ipc",
-           bindable("network.out", false));
-  all.texts("network.connect", "--connect", daemon.sockets.connect,
-            "Subscribe to a simulator that publishes there; may be repeated", connectable);
+  all.text("network.out", "--out", daemon.sockets.out, "Endpoint of sound, tcp or ipc", bindable("network.out", false));
+  all.texts("network.connect", "--connect", daemon.connect,
+            "Subscribe to a simulator that publishes there, with keys ENDPOINT#NAME of its key; may be repeated",
+            connectable);
+  all.text(
+      "network.keys", "--keys", configuration.keys,
+      "Folder with server.key_secret and the keys that may connect, as `rustle keys` makes it; \"\" asks nobody for one");
+  all.truth("network.insecure", "--insecure", daemon.sockets.insecure,
+            "Without keys, let whoever reaches the endpoints use the daemon");
+
+  all.text("network.http", "--http", configuration.http,
+           "Where metrics, health, figures and traces are told over HTTP, loopback only; \"off\" for nowhere", http_address);
 
   all.section("sessions", "How many sheets at a time, and what they are given when they do not say");
   all.integer("sessions.most", "--max-sessions", daemon.max_sessions, {1, 100000}, "Sessions at a time");
@@ -58,6 +73,12 @@ Settings settings_of(Configuration& configuration) {
            "Processors that analysis threads run on, such as 0-2,5; \"\" for all", processors("sessions.analysis_affinity"));
   all.text("sessions.render_affinity", "--render-affinity", configuration.render_affinity,
            "Processors that render threads run on; \"\" for all", processors("sessions.render_affinity"));
+
+  all.section("budget", "What a live session may use while others are there; of what is beyond, frames are dropped");
+  all.real("budget.analysis", "--budget-analysis", daemon.budget.analysis_s_per_s, {0.001, 1000},
+           "Seconds of an analysis thread's time in a second");
+  all.real("budget.megabytes_per_s", "--budget-megabytes", daemon.budget.megabytes_per_s, {0.001, 1e6},
+           "Megabytes of frames in a second");
 
   all.section("audio", "Sound of sessions that do not say otherwise, and the device that plays live ones");
   all.number_of("audio.rate", "--rate", daemon.rate_hz, {44100, 48000, 96000}, "Sample rate of sessions that do not say");
@@ -73,25 +94,18 @@ Settings settings_of(Configuration& configuration) {
   all.real("audio.device_buffer_ms", "--device-buffer-ms", configuration.device_buffer_ms, {5, 500},
            "Sound that waits for the device; more bridges longer stalls");
 
+  all.section("recordings", "What sessions sent and what was decided, as captures that give the same sound again");
+  all.text("recordings.folder", "--recordings", daemon.recordings,
+           "Folder of recordings, made where it is not there; \"\" for none: sessions cannot be recorded");
+  all.truth("recordings.all", "--record-all", daemon.record_all, "Record every session, whether it asks or not");
+
   all.section("log", "What is told on standard error");
   all.choice("log.level", "--log-level", configuration.log_level, {"debug", "info", "warning", "error", "off"},
              "What is logged");
   all.reloadable();
+  all.choice("log.format", "--log-format", configuration.log_format, {"text", "json"},
+             "Lines for people, or one JSON object a line");
   return all;
-}
-
-DaemonOptions daemon_options(const Configuration& configuration) {
-  DaemonOptions options = configuration.daemon;
-  options.analysis_cpus = session::parse_cpus(configuration.analysis_affinity).value_or(std::vector<int>{});
-  options.render_cpus = session::parse_cpus(configuration.render_affinity).value_or(std::vector<int>{});
-  if (configuration.device == "none") return options;
-  auto& playback = options.playback.emplace();
-  playback.device.api = sinks::audio_api_of(configuration.audio_api).value();
-  playback.device.name = configuration.device == "default" ? "" : configuration.device;
-  playback.device.rate_hz = options.rate_hz;
-  playback.lead_s = configuration.device_buffer_ms / 1000;
-  playback.device.ring_s = 2 * playback.lead_s + 0.1;
-  return options;
 }
 
 std::optional<std::filesystem::path> default_configuration_file() {

@@ -12,8 +12,11 @@ namespace rustle::apps {
 /// Everything rustled can be told.
 struct Configuration {
   DaemonOptions daemon;
+  std::string keys;  ///< folder of keys; empty: nobody is asked for one
   std::string log_level = "info";
-  std::string device = "default";  ///< of playback: all or a part of a name, "default", or "none"
+  std::string log_format = "text";
+  std::string http = "127.0.0.1:7393";  ///< or "off"
+  std::string device = "default";       ///< of playback: all or a part of a name, "default", or "none"
   std::string audio_api = "auto";
   double device_buffer_ms = 30;
   std::string analysis_affinity, render_affinity;  ///< processors, such as "0-2,5"; empty: all

@@ -6,28 +6,26 @@
 #include <algorithm>
 #include <utility>
 
+#include "server/apps/log.h"
 #include "server/apps/wording.h"
+#include "server/engine/economy.h"
 #include "server/session/settled_options.h"
 
 namespace rustle::apps {
 namespace {
 
 using std::chrono::milliseconds;
-using std::chrono::seconds;
 
 constexpr std::uint32_t kWindowMessages = 64;
 constexpr std::uint64_t kWindowBytes = std::uint64_t{64} << 20;
 constexpr milliseconds kAnnouncementGrace{1200};  // publishers announce themselves every second
 constexpr milliseconds kNoticeInterval{500};
-constexpr milliseconds kComplaintInterval{1000};  // of what belongs to no session: anyone can send it, and logs are finite
-constexpr milliseconds kDetachWait{2000};
 constexpr milliseconds kCreditInterval{500};  // repeated, for a listener that was away when it was sent
+constexpr milliseconds kServeAll{20};         // whoever has nothing new
+constexpr int kMostBlocks = 4;                // rendered at once
 constexpr int kBlocksAtATime = 256;
 constexpr std::size_t kNameBytes = 64;  // of a session id that is made from its client's name
-constexpr seconds kFinishedKept{30};
-constexpr seconds kIdleKept{300};
-constexpr seconds kGoneKept{10};    // a live session whose client has gone without a word, and did not come back
-constexpr double kRestart_s = 0.5;  // a publisher whose time goes back by more has started again
+constexpr double kRestart_s = 0.5;      // a publisher whose time goes back by more has started again
 
 wire::ErrorCode code_of(engine::Refusal::Cause cause) {
   switch (cause) {
@@ -88,7 +86,8 @@ Daemon::Daemon(DaemonOptions options, std::shared_ptr<pack::PackLibrary> packs,
       max_sessions_(options_.max_sessions),
       packs_(std::move(packs)),
       clock_(std::move(clock)),
-      strangers_({.publishers = options_.max_sessions}) {}
+      strangers_({.publishers = options_.max_sessions}),
+      began_(clock_->now()) {}
 
 Daemon::~Daemon() = default;
 
@@ -96,7 +95,29 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
                                                                 std::shared_ptr<pack::PackLibrary> packs,
                                                                 std::shared_ptr<const session::WallClock> clock) {
   std::unique_ptr<Daemon> daemon(new Daemon(std::move(options), std::move(packs), std::move(clock)));
-  auto sockets = wire::Sockets::open(daemon->options_.sockets);
+  auto sockets_options = daemon->options_.sockets;
+  const auto& gate = daemon->options_.gate;
+  if (gate) {
+    sockets_options.security = {
+        .public_key = gate->own().public_key,
+        .secret_key = gate->own().secret_key,
+        .admits = [gate](const std::string& user) { return gate->admits(user); },
+        .may_hear = [it = daemon.get()](const std::string& user,
+                                        std::string_view topic) { return it->may_hear(user, topic); }};
+  }
+  for (const std::string& named : daemon->options_.connect) {
+    const std::size_t mark = gate ? named.find('#') : std::string::npos;
+    wire::Publisher publisher{named.substr(0, mark), {}};
+    if (mark != std::string::npos) {
+      const auto key = gate->named(named.substr(mark + 1));
+      if (!key || !key->permissions.may_publish())
+        return tl::unexpected(
+            fmt::format("--connect {}: no key of this name may publish; `rustle keys allow` takes it in.", named));
+      publisher.public_key = key->public_key;
+    }
+    sockets_options.connect.push_back(std::move(publisher));
+  }
+  auto sockets = wire::Sockets::open(sockets_options);
   if (!sockets) return tl::unexpected(sockets.error());
   daemon->sockets_ = std::move(*sockets);
   // Loaded before anyone waits for them: the network thread reads no file.
@@ -111,6 +132,8 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
     daemon->playback_ = std::make_unique<sinks::Playback>(*daemon->options_.playback,
                                                           [](const std::string& what) { spdlog::info("{}", what); });
   }
+  daemon->reloads_ = std::make_unique<PackReloads>(daemon->packs_, daemon->options_.rate_hz,
+                                                   [sockets = daemon->sockets_.get()] { sockets->wake(); });
   const auto& wanted = daemon->options_;
   daemon->scheduler_ = std::make_unique<session::Scheduler>(
       session::Scheduler::Options{wanted.analysis_workers, wanted.render_workers, wanted.analysis_cpus, wanted.render_cpus},
@@ -119,6 +142,17 @@ tl::expected<std::unique_ptr<Daemon>, std::string> Daemon::open(DaemonOptions op
     return tl::unexpected(std::string(
         "sessions.analysis_affinity, sessions.render_affinity: name only processors that this machine has for us; "
         "`nproc` says how many there are."));
+  if (wanted.record_all && wanted.recordings.empty())
+    return tl::unexpected(std::string("recordings.all: recordings need a folder; name one with --recordings"));
+  if (!wanted.recordings.empty()) {
+    auto recorder = Recorder::open(
+        {.folder = wanted.recordings,
+         .changed = [sockets = daemon->sockets_.get()] { sockets->wake(); },
+         .settle = [scheduler = daemon->scheduler_.get()](const auto& session) { scheduler->wake_analysis(session); }},
+        *daemon->clock_);
+    if (!recorder) return tl::unexpected(recorder.error());
+    daemon->recorder_ = std::move(*recorder);
+  }
   if (daemon->scheduler_->render_priority() != session::Priority::kRealTime) {
     spdlog::info(
         "rendering has no real-time priority, only {}: under load sound may come late; grant it with `ulimit -r 10`, or "
@@ -135,14 +169,16 @@ void Daemon::run(const std::atomic<bool>& stop, const std::function<void()>& bet
     events.clear();
     sockets_->poll(guests_.empty() && strangers_.empty() ? milliseconds(200) : milliseconds(20), events);
     for (auto& event : events) std::visit([this](auto& e) { handle(e); }, event);
-    for (auto& [id, guest] : guests_) serve(id, *guest);
-    let_go();
+    serve_guests();
+    serve_recordings();
+    watch_load();
+    finish_reloads();
     tell_of_sockets();
   }
-  for (auto& [id, guest] : guests_) {
-    if (!guest->finished) publish_end(*guest);
-  }
+  drain(between);
+  end_recordings();
   scheduler_.reset();
+  reloads_.reset();
   if (!playback_) return;
   const auto played = playback_->figures();
   if (played.frames_played > 0) {
@@ -158,85 +194,64 @@ void Daemon::run(const std::atomic<bool>& stop, const std::function<void()>& bet
 void Daemon::handle(wire::ControlRequestReceived& event) {
   const auto request = wire::decode_control(event.bytes.bytes());
   const std::uint64_t id = request ? request->request_id : request.error().request_id;
+  if (const auto forbidden = request ? check_permission(*request, event.user) : std::nullopt) {
+    complain("control request", *forbidden);
+    sockets_->send_control(event.peer, wire::encode_reply(id, *forbidden));
+    return;
+  }
+  if (const auto* reload = request ? std::get_if<wire::ReloadPackRequest>(&request->body) : nullptr) {
+    reloads_->ask({event.peer, id, reload->name});
+    return;
+  }
   if (const auto* leave = request ? std::get_if<wire::DetachRequest>(&request->body) : nullptr) {
     if (Guest* leaving = guest(request->session_id)) {
+      leaving->stirred = true;
       leaving->goodbyes.push_back({event.peer, id, leave->last_sequence, leave->discard, clock_->now()});
       return;
     }
   }
-  const wire::ControlReply reply = request ? answer(*request) : wire::ControlReply(request.error().error);
+  if (request && std::holds_alternative<wire::StopRecordingRequest>(request->body)) {
+    if (const auto stopped = stop_recording(event.peer, *request))
+      sockets_->send_control(event.peer, wire::encode_reply(id, *stopped));
+    return;
+  }
+  const wire::ControlReply reply = request ? answer(*request, event.user) : wire::ControlReply(request.error().error);
   if (const auto* error = std::get_if<wire::Error>(&reply)) complain("control request", *error);
   sockets_->send_control(event.peer, wire::encode_reply(id, reply));
 }
 
-void Daemon::complain(std::string_view what, const wire::Error& error) {
-  ++complaints_.unsent;
-  const auto now = clock_->now();
-  if (complaints_.last_sent && now - *complaints_.last_sent < kComplaintInterval) return;
-  spdlog::warn("{} refused: {}{}", what, wire::to_string(error),
-               complaints_.unsent > 1 ? fmt::format(" ({} since the last such line)", complaints_.unsent) : "");
-  complaints_ = {now, 0};
-}
-
-void Daemon::tell_of_sockets() {
-  const auto& counters = sockets_->counters();
-  const auto tell = [this](std::uint64_t count, std::uint64_t& told, const char* what, const char* remedy) {
-    if (count == told) return;
-    told = count;
-    complain("transport",
-             {wire::ErrorCode::kMalformed, "", fmt::format("{} so far: {}.", what, count), remedy, 0, std::nullopt, {}});
-  };
-  tell(counters.malformed_messages, told_.malformed_messages, "Messages with too many or too few parts",
-       "Send [topic, StreamMessage] on the stream, one ControlRequest at a time on the control socket.");
-  tell(counters.unsent_replies, told_.unsent_replies, "Replies whose asker was gone or did not read",
-       "Keep the control socket open until its answer has come.");
-}
-
-wire::ControlReply Daemon::answer(const wire::ControlRequest& request) {
+wire::ControlReply Daemon::answer(const wire::ControlRequest& request, const std::string& user) {
   if (std::holds_alternative<wire::HelloRequest>(request.body)) {
     return wire::Welcome{"rustled " RUSTLE_VERSION, sockets_->stream_endpoint(), sockets_->out_endpoint(), options_.rate_hz,
                          options_.block_size};
   }
-  if (const auto* body = std::get_if<wire::AttachRequest>(&request.body)) return attach(request, *body);
+  if (const auto* body = std::get_if<wire::AttachRequest>(&request.body)) return attach(request, *body, user);
   if (std::holds_alternative<wire::ListPacksRequest>(request.body)) return pack_list();
   if (std::holds_alternative<wire::ListSessionsRequest>(request.body)) {
     wire::SessionList list;
     for (const auto& [id, guest] : guests_) {
-      list.sessions.push_back({id, guest->name, guest->session->options().clock,
-                               static_cast<std::uint32_t>(guest->decoder.sheet_count()),
-                               guest->session->counters().newest_time_s});
+      if (!may_see(user, *guest)) continue;
+      list.sessions.push_back(
+          {id, guest->name, guest->session->options().clock, static_cast<std::uint32_t>(guest->decoder.sheet_count()),
+           guest->session->counters().newest_time_s, recorder_ ? recorder_->progress(*guest->session) : std::nullopt});
     }
     return list;
   }
+  if (request.session_id.empty() && std::holds_alternative<wire::GetStatisticsRequest>(request.body))
+    return server_statistics();
   Guest* asked = guest(request.session_id);
   if (asked == nullptr) return unknown_session(request.session_id);
   if (std::holds_alternative<wire::GetStatisticsRequest>(request.body)) return statistics(*asked);
+  if (const auto* body = std::get_if<wire::SetGainsRequest>(&request.body)) return set_gains(*asked, *body);
+  if (const auto* body = std::get_if<wire::ChangePackRequest>(&request.body)) return change_pack(*asked, *body);
+  if (const auto* start = std::get_if<wire::StartRecordingRequest>(&request.body))
+    return start_recording(*asked, start->file_name);
   return unsupported("This daemon does not do that while a session sounds.", "Detach, and attach again with other options.");
 }
 
-void Daemon::say_goodbye(Guest& leaving) {
-  const auto now = clock_->now();
-  std::erase_if(leaving.goodbyes, [&](const Goodbye& goodbye) {
-    const bool waited = now - goodbye.since >= kDetachWait;
-    if (!leaving.detached) {
-      if (!goodbye.discard && leaving.last_sequence < goodbye.last_sequence && !waited) return false;
-      if (goodbye.discard) leaving.session->discard();
-      leaving.session->end();
-      scheduler_->wake_analysis(leaving.session);
-      leaving.detached = true;
-      if (goodbye.discard && !leaving.finished) {
-        leaving.finished = true;
-        publish_end(leaving);
-      }
-    }
-    const bool accounted = !leaving.session->waiting() && leaving.finished;
-    if (!accounted && !waited) return false;
-    sockets_->send_control(goodbye.peer, wire::encode_reply(goodbye.request_id, wire::Detached{statistics(leaving)}));
-    return true;
-  });
-}
-
-wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body) {
+wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wire::AttachRequest& body,
+                                  const std::string& user) {
+  if (draining_) return ending();
   std::string id = request.session_id;
   if (id.empty()) {
     const std::string name = begin_of(body.name, kNameBytes);
@@ -261,9 +276,8 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
                        {}};
   }
   if (guests_.size() >= max_sessions_) return too_many_sessions();
-  if (body.options.record) {
-    return unsupported("Sessions are not recorded by this version.", "Attach without it, and keep what you send.");
-  }
+  if (auto beyond = check_session_quota(user)) return *beyond;
+  if (ladder_.level() == engine::kMostLoadLevel) return overloaded();
   if (auto wrong = check_material(body.options.default_material, {}, "attach.options.default_material")) return *wrong;
   for (std::size_t k = 0; k < body.sheets.size(); ++k) {
     const auto& sheet = body.sheets[k];
@@ -277,18 +291,29 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
   auto head = heads_.head_for(options);
   if (!head) return head.error();
   if (*head && options.hrtf.empty()) options.hrtf = heads_.default_name();
-  Guest& admitted = admit(id, body.name, options, *head, true);
+  options.record |= options_.record_all;
+  apply_quotas(options, user);
+  Recorder::NewFile file;
+  if (options.record) {
+    auto made = new_recording(id, {});
+    if (!made) return made.error();
+    file = std::move(*made);
+  }
+  wire::Attached attached{id, {}, std::nullopt, file.name};
+  Guest& admitted = admit(id, body.name, options, *head, true, user);
+  if (options.record) recorder_->begin(std::move(file), admitted.session, admitted.name, nullptr, 1);
   for (const auto& sheet : body.sheets) {
     if (auto added = admitted.decoder.add_sheet(sheet); !added) {
       const wire::Error error = added.error();
+      if (recorder_) recorder_->finish(*admitted.session);
       scheduler_->remove(admitted.session);
       guests_.erase(id);
       return error;
     }
-    static_cast<void>(admitted.session->offer(sheet, 0, 0));
+    take_attached(admitted, sheet);
   }
   scheduler_->wake_analysis(admitted.session);
-  wire::Attached attached{id, admitted.session->options(), std::nullopt};
+  attached.options = admitted.session->options();
   if (options.clock == session::Clock::kSimulation) attached.credit = wire::FlowCredit{0, kWindowMessages, kWindowBytes};
   return attached;
 }
@@ -311,45 +336,30 @@ std::optional<wire::Error> Daemon::check_material(const std::string& material, c
       wire::ErrorCode::kUnknownMaterial, std::move(field), found.error().message, found.error().remedy, 0, std::nullopt, {}};
 }
 
-wire::ControlReply Daemon::pack_list() const {
-  wire::PackList list;
-  for (const auto& entry : packs_->entries()) {
-    wire::PackInfo info{entry.name, entry.material, entry.touched_surface, entry.version, entry.licence, 0, 0, 0, {}};
-    const auto held = held_packs_.find(entry.folder);
-    if (held != held_packs_.end()) {
-      const pack::SoundPack& pack = *held->second;
-      info.rate_hz = pack.stored_rate_hz;
-      if (pack.crumpling) {
-        info.units = static_cast<std::uint32_t>(pack.crumpling->units.size());
-        info.models.push_back("crumpling");
-      }
-      if (pack.friction) {
-        info.spectra = static_cast<std::uint32_t>(pack.friction->spectra.size());
-        info.models.push_back("friction");
-      }
-    }
-    list.packs.push_back(std::move(info));
-  }
-  return list;
-}
-
 // ------------------------------------------------------------------------------------------------------------- stream
 
 Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::SessionOptions options,
-                             const std::shared_ptr<const spatial::Hrtf>& head, bool attached) {
+                             const std::shared_ptr<const spatial::Hrtf>& head, bool attached, const std::string& owner) {
+  const AboutSession about(id);
   options = session::settled(std::move(options));
   auto session = std::make_shared<session::Session>(id, options, packs_, *clock_, head);
   scheduler_->add(session);
   auto& place = guests_[id];
-  place = std::make_unique<Guest>(std::move(session), std::move(name), attached);
+  // A device takes sound block by block.
+  place = std::make_unique<Guest>(std::move(session), std::move(name), attached, options_.budget, *sockets_,
+                                  playback_ ? 1 : kMostBlocks);
+  place->owner = owner;
   place->last_heard = clock_->now();
+  sockets_->cut_listeners();  // who heard an earlier session of this name may not hear this one
+  apply_load_level(*place);
+  if (recorder_) place->standing.emplace();
   for (const auto& topic : sockets_->subscriptions()) {
     wire::SubscriptionChanged known{topic, true};
     handle(known);
   }
-  spdlog::info("session {} {}: {} clock, {} Hz, {} channels", id, attached ? "attached" : "announced itself",
-               options.clock == session::Clock::kLive ? "live" : "simulation", options.rate_hz,
-               session::channel_count(options.channels));
+  spdlog::info("session {} {}{}: {} clock, {} Hz, {} channels", id, attached ? "attached" : "announced itself",
+               owner.empty() ? "" : " by " + name_of(owner), options.clock == session::Clock::kLive ? "live" : "simulation",
+               options.rate_hz, session::channel_count(options.channels));
   return *place;
 }
 
@@ -359,15 +369,25 @@ Daemon::Guest* Daemon::guest(const std::string& id) {
 }
 
 void Daemon::handle(wire::StreamReceived& event) {
+  if (const auto forbidden = check_sender(event.topic, event.user)) {
+    complain("stream message", *forbidden);
+    return;
+  }
   auto envelope = wire::StreamEnvelope::parse(event.bytes.bytes(), event.topic);
   if (!envelope) {
     if (Guest* sender = guest(event.topic)) {
       ++sender->messages;
       ++sender->refused;
+      ++sender->arrivals;
+      if (recorder_) recorder_->arrived(*sender->session, nullptr, event.bytes.bytes());
       notify(*sender, envelope.error());
     } else {
       complain("stream message", envelope.error());
     }
+    return;
+  }
+  if (const auto forbidden = check_sender(envelope->session_id(), event.user)) {
+    complain("stream message", *forbidden);
     return;
   }
   if (Guest* known = guest(envelope->session_id())) {
@@ -378,24 +398,29 @@ void Daemon::handle(wire::StreamReceived& event) {
         !known->attached && newest != known->newest_frame_s.end() && *envelope->time_s() < newest->second - kRestart_s;
     const bool again = known->finished && !known->attached && (envelope->body() == Body::kAnnouncement || frame);
     if (!restarted && !again) {
-      take(*known, *envelope);
+      take(*known, *envelope, event.bytes.bytes());
       return;
     }
     spdlog::info("session {} starts again", envelope->session_id());
-    scheduler_->remove(known->session);
-    if (playback_ && known->played) playback_->end(*known->played);
+    if (recorder_) recorder_->finish(*known->session);
+    see_off(*known);
     guests_.erase(envelope->session_id());
   }
-  if (Guest* met = meet_publisher(*envelope)) take(*met, *envelope);
+  if (Guest* met = meet_publisher(*envelope, event.user)) take(*met, *envelope, event.bytes.bytes());
 }
 
-Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
+Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope, const std::string& user) {
   using Body = wire::StreamEnvelope::Body;
   const std::string id = envelope.session_id();
+  const std::string known_as = user.empty() ? id : user + "/" + id;  // what another user says of it is not its own
   const auto now = clock_->now();
-  Stranger* stranger = strangers_.meet(id, now);
+  Stranger* stranger = strangers_.meet(known_as, now);
   if (stranger == nullptr || guests_.size() >= max_sessions_) {
     complain("publisher", too_many_sessions());
+    return nullptr;
+  }
+  if (ladder_.level() == engine::kMostLoadLevel) {
+    complain("publisher", overloaded());
     return nullptr;
   }
   std::optional<wire::Announcement> announcement;
@@ -421,6 +446,10 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
     }
     return nullptr;
   }
+  if (const auto beyond = check_session_quota(user)) {
+    complain("publisher", *beyond);
+    return nullptr;
+  }
   session::SessionOptions options;
   if (announcement) options = announcement->options;
   if (options.rate_hz == 0) options.rate_hz = options_.rate_hz;
@@ -428,10 +457,19 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
   auto head = heads_.head_for(options);
   const std::optional<wire::Error> headless = head ? std::nullopt : std::optional(head.error());
   if (headless) options.channels = session::ChannelLayout::kStereo;
-  const Stranger known = strangers_.take(id);
-  Guest& met = admit(id, announcement ? announcement->name : id, options, head.value_or(nullptr), false);
+  const Stranger known = strangers_.take(known_as);
+  options.record |= options_.record_all;
+  apply_quotas(options, user);
+  auto file = options.record ? new_recording(id, {}) : Recorder::NewFile{};
+  options.record &= file.has_value();
+  Guest& met = admit(id, announcement ? announcement->name : id, options, head.value_or(nullptr), false, user);
+  if (options.record) recorder_->begin(std::move(*file), met.session, met.name, nullptr, 1);
+  if (!file) notify(met, file.error());
   if (headless) notify(met, *headless);
-  for (const auto& earlier : known.said) take(met, earlier);
+  for (const auto& earlier : known.said) {
+    const std::string bytes = earlier.serialized();
+    take(met, earlier, std::as_bytes(std::span(bytes)));
+  }
   met.messages += known.frames + known.left_out;
   met.session->count_drop("unannounced", known.frames);
   if (known.left_out > 0) {
@@ -449,14 +487,32 @@ Daemon::Guest* Daemon::meet_publisher(wire::StreamEnvelope& envelope) {
   return &met;
 }
 
-void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
+void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope, std::span<const std::byte> bytes) {
+  const AboutSession about(sender.session->id());
+  sender.stirred = true;
   sender.last_heard = clock_->now();
   ++sender.messages;
+  const bool within = within_quotas(sender, envelope, bytes.size());
+  const bool is_frame = envelope.body() == wire::StreamEnvelope::Body::kFrame;
+  if (!within && !is_frame) {
+    ++sender.refused;
+    sender.session->pass_over(envelope.sequence());
+    return;
+  }
+  const std::uint64_t arrival = ++sender.arrivals;
+  if (recorder_) recorder_->arrived(*sender.session, &envelope, bytes);
   const std::uint64_t sequence = envelope.sequence();
   sender.last_sequence = std::max(sender.last_sequence, sequence);
   if (envelope.sent_at_s() != 0)
     sender.drift.add(envelope.sent_at_s(), std::chrono::duration<double>(sender.last_heard).count());
-  const bool is_frame = envelope.body() == wire::StreamEnvelope::Body::kFrame;
+  if (!within) {
+    sender.session->drop_frame(arrival, sequence, "quota");
+    return;
+  }
+  if (is_frame && !within_budget(sender, bytes.size())) {
+    sender.session->drop_frame(arrival, sequence, "budget");
+    return;
+  }
   auto decoded = sender.decoder.decode(envelope);
   if (!decoded) {
     ++sender.refused;
@@ -465,13 +521,15 @@ void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope) {
     notify(sender, decoded.error());
     return;
   }
+  if (sender.standing) sender.standing->take(envelope.message());
   sender.kept_bytes += envelope.bytes();
   if (!decoded->item) {
     sender.session->pass_over(sequence);
     return;
   }
   if (is_frame && envelope.sheet_id() && envelope.time_s()) sender.newest_frame_s[*envelope.sheet_id()] = *envelope.time_s();
-  switch (sender.session->offer(std::move(*decoded->item), sequence, std::exchange(sender.kept_bytes, 0))) {
+  switch (sender.session->offer(std::move(*decoded->item), sequence, std::exchange(sender.kept_bytes, 0), arrival,
+                                sender.last_heard)) {
     case session::Offer::kTaken:
       if (sequence != 0) sender.offered = sequence;
       scheduler_->wake_analysis(sender.session);
@@ -514,25 +572,28 @@ void Daemon::handle(wire::SubscriptionChanged& event) {
   Guest* heard = guest(topic->session_id);
   if (heard == nullptr) return;
   if (!event.on) {
-    heard->pcm.erase(event.topic);
-    return;
-  }
-  if (topic->content != wire::PcmContent::kMix || topic->format == wire::PcmFormat::kOpus) {
-    publish_notice(
-        topic->session_id,
-        {wire::NoticeLevel::kError, "unsupported", "topic",
-         fmt::format("\"{}\" is not streamed by this version.", event.topic), "Subscribe to the mix as f32 or s16.", 0, 1},
-        ++heard->out_sequence[wire::notices_topic(topic->session_id)]);
-    return;
-  }
-  const auto [out, fresh] = heard->pcm.try_emplace(event.topic, PcmOut{*topic, {}, 0, 0});
-  if (fresh && heard->finished) {
-    sockets_->publish(event.topic,
-                      wire::encode_end({topic->session_id, ++out->second.sequence}, heard->session->samples_rendered()));
+    heard->pcm.unsubscribe(event.topic);
+  } else if (const auto refused = heard->pcm.subscribe(event.topic, *topic)) {
+    publish_notice(topic->session_id, *refused, ++heard->out_sequence[wire::notices_topic(topic->session_id)]);
   }
 }
 
+void Daemon::serve_guests() {
+  const auto now = clock_->now();
+  const bool all = now - served_all_at_ >= kServeAll;
+  if (all) served_all_at_ = now;
+  bool some_leave = all;
+  for (auto& [id, guest] : guests_) {
+    const bool news = guest->session->has_news.exchange(false);
+    if (news || all || guest->stirred) serve(id, *guest);
+    some_leave |= guest->detached && guest->finished && guest->goodbyes.empty();
+  }
+  if (some_leave) let_go();
+}
+
 void Daemon::serve(const std::string& id, Guest& served) {
+  const AboutSession about(id);
+  served.stirred = false;
   for (auto& outcome : served.session->take_outcomes()) {
     if (auto* observed = std::get_if<observation::Observation>(&outcome)) {
       if (observed->unidentified) notify(served, unidentified(observed->sheet));
@@ -558,14 +619,20 @@ void Daemon::serve(const std::string& id, Guest& served) {
   int blocks = 0;
   while (blocks < kBlocksAtATime && served.session->take_audio(served.session->options().block_size, block_)) {
     play(served, block_);
-    publish_pcm(served, block_);
+    served.pcm.publish(block_);
+    note_left(served, block_);
     ++blocks;
   }
-  if (blocks == kBlocksAtATime) sockets_->wake();  // more waits; the others first
+  served.pcm.publish_beside();
+  if (blocks == kBlocksAtATime) {  // more waits; the others first
+    served.stirred = true;
+    sockets_->wake();
+  }
   if (served.session->finished() && !served.finished) {
     served.finished = true;
     served.finished_at = clock_->now();
-    publish_end(served);
+    served.pcm.publish_end();
+    if (recorder_) recorder_->finish(*served.session);
     const auto figures = statistics(served);
     std::uint64_t dropped = 0;
     for (const auto& [cause, frames] : figures.frames_dropped) dropped += frames;
@@ -577,18 +644,13 @@ void Daemon::serve(const std::string& id, Guest& served) {
   say_goodbye(served);
 }
 
-void Daemon::publish_end(Guest& sender) {
-  for (auto& [topic, out] : sender.pcm) {
-    sockets_->publish(topic, wire::encode_end({sender.session->id(), ++out.sequence}, sender.session->samples_rendered()));
-  }
-}
-
 void Daemon::acknowledge(Guest& sender) {
   if (sender.session->options().clock != session::Clock::kSimulation) return;
   const std::uint64_t acknowledged =
       std::max(sender.acknowledged, sender.analysed >= sender.offered ? sender.last_sequence : sender.analysed);
   const auto now = clock_->now();
   if (acknowledged == 0 || (acknowledged == sender.acknowledged && now - sender.credited_at < kCreditInterval)) return;
+  if (!rate_left(sender)) return;
   sender.acknowledged = acknowledged;
   sender.credited_at = now;
   const std::string topic = wire::acknowledgements_topic(sender.session->id());
@@ -602,36 +664,6 @@ void Daemon::play(Guest& sender, const session::AudioBlock& block) {
   if (!sender.played) sender.played = playback_->add(sender.session->options().rate_hz, block.channels);
   playback_->push(*sender.played, block.interleaved);
   if (block.last) playback_->end(*sender.played);
-}
-
-void Daemon::publish_pcm(Guest& sender, const session::AudioBlock& block) {
-  if (!sender.pcm.empty()) sender.samples_sent += block.interleaved.size() / static_cast<std::size_t>(block.channels);
-  for (auto& [topic, out] : sender.pcm) {
-    if (out.waiting.empty()) out.first_sample = block.first_sample;
-    out.waiting.insert(out.waiting.end(), block.interleaved.begin(), block.interleaved.end());
-    flush_pcm(sender, out, block.last);
-  }
-}
-
-void Daemon::flush_pcm(Guest& sender, PcmOut& out, bool all) {
-  const auto& options = sender.session->options();
-  const auto channels = static_cast<std::size_t>(session::channel_count(options.channels));
-  const std::size_t whole = static_cast<std::size_t>(out.topic.blocks) * options.block_size * channels;
-  if (out.waiting.empty() || (!all && out.waiting.size() < whole)) return;
-  wire::PcmHeader header;
-  header.first_sample = out.first_sample;
-  header.rate_hz = options.rate_hz;
-  header.channels = static_cast<std::uint32_t>(channels);
-  header.format = out.topic.format;
-  header.time_s = sender.session->time_of(out.first_sample);
-  header.content = wire::MixContent{};
-  header.missing_samples = out.missing;
-  const bool sent = sockets_->publish(wire::to_string(out.topic),
-                                      wire::encode_pcm({sender.session->id(), ++out.sequence}, header, out.waiting));
-  const std::uint64_t samples = out.waiting.size() / channels;
-  out.missing = sent ? 0 : out.missing + samples;
-  if (!sent) sender.samples_in_gaps += samples;
-  out.waiting.clear();
 }
 
 void Daemon::notify(Guest& sender, const wire::Error& error) {
@@ -648,47 +680,6 @@ void Daemon::notify(Guest& sender, const wire::Error& error) {
 
 void Daemon::publish_notice(const std::string& session_id, const wire::Notice& notice, std::uint64_t sequence) {
   sockets_->publish(wire::notices_topic(session_id), wire::encode_notice({session_id, sequence}, notice));
-}
-
-void Daemon::let_go() {
-  const auto now = clock_->now();
-  if (const auto lost = strangers_.forget_before(now - kIdleKept); lost > 0) {
-    complain("publisher",
-             {wire::ErrorCode::kUnknownSession,
-              "stream",
-              fmt::format("{} of publishers that never described a sheet are forgotten.", counted(lost, "message")),
-              "Announce the session, or describe its sheets, every second.",
-              0,
-              std::nullopt,
-              {}});
-  }
-  for (auto entry = guests_.begin(); entry != guests_.end();) {
-    Guest& kept = *entry->second;
-    const bool live = kept.session->options().clock == session::Clock::kLive;
-    const bool gone = live && kept.client_left && now - std::max(*kept.client_left, kept.last_heard) > kGoneKept;
-    const auto limit = gone ? kGoneKept : kIdleKept;
-    if (!kept.finished && !kept.detached && now - kept.last_heard > limit) end_idle(kept, limit);
-    if (kept.finished && kept.goodbyes.empty() && (kept.detached || now - kept.finished_at > kFinishedKept)) {
-      scheduler_->remove(kept.session);
-      if (playback_ && kept.played) playback_->end(*kept.played);
-      entry = guests_.erase(entry);
-    } else {
-      ++entry;
-    }
-  }
-}
-
-void Daemon::end_idle(Guest& idle, std::chrono::seconds after) {
-  notify(idle, {wire::ErrorCode::kIdle,
-                "stream",
-                fmt::format("The session \"{}\" has ended: nothing came for {} s.", idle.session->id(), after.count()),
-                "Attach again; while a simulation pauses, send a frame or an advance now and then.",
-                0,
-                std::nullopt,
-                {}});
-  idle.session->end();
-  scheduler_->wake_analysis(idle.session);
-  idle.detached = true;
 }
 
 }  // namespace rustle::apps

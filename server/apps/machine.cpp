@@ -20,6 +20,7 @@
 
 #include "server/apps/configuration.h"
 #include "server/apps/wording.h"
+#include "server/monitor/http_address.h"
 #include "server/sinks/audio_device.h"
 #include "server/spatial/hrtf_choice.h"
 #include "server/wire/endpoint.h"
@@ -117,9 +118,14 @@ MachineCheck check_ports() {
     if (const int failed = bind_error(port); failed != 0)
       taken.push_back(fmt::format("{}: {}", endpoint, std::strerror(failed)));
   }
+  if (const auto http = monitor::parse_http_address(configuration.http, "network.http"); http && http->port != 0) {
+    named.push_back("http " + http->text());
+    if (const int failed = bind_error(http->port); failed != 0)
+      taken.push_back(fmt::format("http {}: {}", http->text(), std::strerror(failed)));
+  }
   if (taken.empty()) return {"endpoints", Grade::kGranted, fmt::format("{} are free", fmt::join(named, ", ")), ""};
   return {"endpoints", Grade::kMissing, fmt::format("{}", fmt::join(taken, "; ")),
-          "if it is no rustled that runs already, choose others with --control, --stream and --out"};
+          "if it is no rustled that runs already, choose others with --control, --stream, --out and --http"};
 }
 
 MachineCheck check_audio() {

@@ -18,9 +18,16 @@ int main(int argc, char** argv) {
   add_inspect(app, action);
   add_replay(app, action);
   add_listen(app, action);
+  add_gain(app, action);
+  add_load(app, action);
+  add_record(app, action);
   add_pack(app, action);
   add_validate(app, action);
   add_doctor(app, action);
+  add_top(app, action);
+  add_trace(app, action);
+  add_compare(app, action);
+  add_keys(app, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

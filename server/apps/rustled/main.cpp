@@ -1,16 +1,21 @@
 #include <fmt/format.h>
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
+#include <cstdlib>
 #include <exception>
 
 #include "server/apps/command.h"
 #include "server/apps/configuration.h"
 #include "server/apps/daemon.h"
+#include "server/apps/log.h"
 #include "server/apps/wording.h"
+#include "server/monitor/health.h"
+#include "server/monitor/monitor.h"
+#include "server/monitor/service_manager.h"
 
 namespace {
 
@@ -19,6 +24,22 @@ using rustle::apps::Settings;
 
 std::atomic<bool> g_stop{false};
 std::atomic<bool> g_reload{false};
+std::atomic<bool> g_serving{false};
+
+/// While packs and heads are still being read there is nothing to finish.
+void end(int) {
+  if (!g_serving.load()) std::_Exit(rustle::apps::kDone);
+  g_stop.store(true);
+}
+
+/// As many descriptors as the system grants: every connection is one, and ZeroMQ ends the program where an ipc connection
+/// finds none.
+void raise_descriptor_limit() {
+  struct rlimit limit {};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  ::setrlimit(RLIMIT_NOFILE, &limit);
+}
 
 /// What was said on the command line, to be said again when the file is read anew.
 struct Said {
@@ -32,8 +53,12 @@ bool accept(const std::vector<rustle::apps::SettingError>& errors) {
   return errors.empty();
 }
 
-/// Reads the configuration again; what may change while sessions sound does, the rest is named.
+/// Reads configuration and keys again; what may change while sessions sound does, the rest is named.
 void reload(const Said& said, Configuration& in_force, rustle::apps::Daemon& daemon) {
+  if (const auto keys = daemon.reload_keys(); !keys)
+    spdlog::error("keys: {} All stay as they are.", keys.error());
+  else if (!in_force.keys.empty())
+    spdlog::info("keys {} read again", in_force.keys);
   Configuration next;
   Settings read = rustle::apps::settings_of(next);
   read.give(said.flags);
@@ -54,8 +79,7 @@ void reload(const Said& said, Configuration& in_force, rustle::apps::Daemon& dae
 
 int serve(Configuration configuration, const Said& said) {
   using namespace rustle;
-  spdlog::set_default_logger(spdlog::stderr_color_mt("rustled"));
-  spdlog::set_level(spdlog::level::from_str(configuration.log_level));
+  apps::log_to_stderr(configuration.log_level, configuration.log_format == "json");
   if (said.file) spdlog::info("configuration {}", said.file->string());
   auto packs = std::make_shared<pack::PackLibrary>();
   for (const auto& broken : packs->broken()) spdlog::warn("sound pack left out: {}", broken.text());
@@ -68,10 +92,24 @@ int serve(Configuration configuration, const Said& said) {
                folders);
     return apps::kFailed;
   }
-  std::signal(SIGINT, [](int) { g_stop.store(true); });
-  std::signal(SIGTERM, [](int) { g_stop.store(true); });
+  std::signal(SIGINT, end);
+  std::signal(SIGTERM, end);
   std::signal(SIGHUP, [](int) { g_reload.store(true); });
-  auto daemon = apps::Daemon::open(apps::daemon_options(configuration), packs);
+  raise_descriptor_limit();
+  std::signal(SIGXFSZ, SIG_IGN);  // a recording that grows beyond a limit is an error of its write
+  auto options = apps::daemon_options(configuration);
+  if (!configuration.keys.empty()) {
+    auto gate = access::Gate::open(configuration.keys);
+    if (!gate) {
+      fmt::print(stderr, "rustled: --keys: {}\n", gate.error());
+      return apps::kFailed;
+    }
+    options.gate = std::move(*gate);
+    spdlog::info("keys {}: who connects must prove one that is allowed there", configuration.keys);
+  } else if (options.sockets.insecure) {
+    spdlog::warn("--insecure: whoever reaches the endpoints may use this daemon");
+  }
+  auto daemon = apps::Daemon::open(std::move(options), packs);
   if (!daemon) {
     fmt::print(stderr, "rustled: {}\n", daemon.error());
     return apps::kFailed;
@@ -79,8 +117,30 @@ int serve(Configuration configuration, const Said& said) {
   const auto& sockets = (*daemon)->sockets();
   spdlog::info("control {}, stream {}, out {}", sockets.control_endpoint(), sockets.stream_endpoint(),
                sockets.out_endpoint());
+  std::unique_ptr<monitor::Monitor> monitor;
+  if (configuration.http != "off") {
+    const auto address = monitor::parse_http_address(configuration.http, "network.http");
+    auto opened = monitor::Monitor::open(address.value(), [&] { (*daemon)->wake(); });
+    if (!opened) {
+      fmt::print(stderr, "rustled: {}\n", opened.error());
+      return apps::kFailed;
+    }
+    monitor = std::move(*opened);
+    spdlog::info("http {}: /metrics, /healthz, /figures, /trace", monitor->address().text());
+  }
+  const monitor::Monitor::Source source{[&] { return (*daemon)->figures(); },
+                                        [&](const std::string& session) { return (*daemon)->traces(session); }};
+  g_serving.store(true);
+  auto manager = monitor::ServiceManager::from_environment();
+  manager.serves(fmt::format("serves {}", sockets.control_endpoint()));
   (*daemon)->run(g_stop, [&] {
+    if (monitor) monitor->answer(source);
     if (g_reload.exchange(false)) reload(said, configuration, **daemon);
+    if (g_stop.load()) manager.ends();
+    manager.beat(monitor::ServiceManager::Clock::now(), [&] {
+      const auto figures = (*daemon)->figures();
+      return monitor::problems_of(&figures).empty();
+    });
   });
   spdlog::info("ended");
   return apps::kDone;
@@ -97,17 +157,16 @@ int print_devices(const std::string& audio_api) {
   return rustle::apps::kFailed;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app{"rustled listens to simulators and gives their deforming sheets sound.", "rustled"};
   app.set_version_flag("--version", "rustled " RUSTLE_VERSION);
   app.footer(
       "Every setting may also stand in the configuration file or in an environment variable; flags go before variables,\n"
-      "variables before the file. SIGHUP reads the file again.\n"
+      "variables before the file. SIGHUP reads the file and the keys again.\n"
       "Example: rustled --connect tcp://127.0.0.1:5555\n"
       "         rustled --print-config > rustled.toml && rustled --config rustled.toml\n"
-      "Attach a simulator with an SDK or `rustle replay`, hear it with `rustle listen`. Ends on SIGTERM or Ctrl-C.");
+      "Attach a simulator with an SDK or `rustle replay`, hear it with `rustle listen`. SIGTERM or Ctrl-C ends it: what\n"
+      "was sent is rendered first, within 5 s.");
   Configuration configuration;
   Settings settings = rustle::apps::settings_of(configuration);
   Said said;
@@ -124,20 +183,26 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? rustle::apps::kDone : rustle::apps::kWrongUsage;
   }
+  if (file.empty()) {
+    said.file = rustle::apps::default_configuration_file();
+  } else if (file != "none") {
+    said.file = file;
+  }
+  said.flags = settings.given();
+  if (!accept(settings.read(said.file))) return rustle::apps::kWrongUsage;
+  if (print) {
+    fmt::print("{}", settings.print());
+    return rustle::apps::kDone;
+  }
+  if (list_devices) return print_devices(configuration.audio_api);
+  return serve(configuration, said);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
   try {
-    if (file.empty()) {
-      said.file = rustle::apps::default_configuration_file();
-    } else if (file != "none") {
-      said.file = file;
-    }
-    said.flags = settings.given();
-    if (!accept(settings.read(said.file))) return rustle::apps::kWrongUsage;
-    if (print) {
-      fmt::print("{}", settings.print());
-      return rustle::apps::kDone;
-    }
-    if (list_devices) return print_devices(configuration.audio_api);
-    return serve(configuration, said);
+    return run(argc, argv);
   } catch (const std::exception& error) {
     fmt::print(stderr, "rustled: {}\n", error.what());
     return rustle::apps::kFailed;
