@@ -21,12 +21,21 @@ tl::expected<ServerInfo, Error> say_hello(Link& link) {
   return internal::read_welcome(*reply);
 }
 
+tl::expected<std::vector<PackInfo>, Error> ask_for_packs(Link& link, v1::ControlRequest& request) {
+  auto reply = link.ask(request);
+  if (!reply) return tl::unexpected(std::move(reply.error()));
+  if (!reply->has_pack_list()) return tl::unexpected(unexpected_answer());
+  std::vector<PackInfo> packs;
+  for (const v1::PackInfo& pack : reply->pack_list().packs()) packs.push_back(internal::from_wire(pack));
+  return packs;
+}
+
 }  // namespace
 
 Connection::Connection(std::shared_ptr<internal::Link> link) : link_(std::move(link)) {}
 
 tl::expected<Connection, Error> Connection::connect(const Endpoints& endpoints, std::chrono::milliseconds timeout) {
-  auto context = std::make_shared<internal::Context>();
+  auto context = std::make_shared<internal::Context>(endpoints.keys);
   auto monitor = std::make_unique<internal::ConnectionMonitor>();
   auto control = internal::Socket::connect(context, internal::Socket::Role::kControl, endpoints.control,
                                            {.send = 256, .receive = 256}, monitor.get());
@@ -53,12 +62,7 @@ tl::expected<ServerInfo, Error> Connection::ping() const {
 tl::expected<std::vector<PackInfo>, Error> Connection::list_packs() const {
   v1::ControlRequest request;
   request.mutable_list_packs();
-  auto reply = link_->ask(request);
-  if (!reply) return tl::unexpected(std::move(reply.error()));
-  if (!reply->has_pack_list()) return tl::unexpected(unexpected_answer());
-  std::vector<PackInfo> packs;
-  for (const v1::PackInfo& pack : reply->pack_list().packs()) packs.push_back(internal::from_wire(pack));
-  return packs;
+  return ask_for_packs(*link_, request);
 }
 
 tl::expected<std::vector<SessionInfo>, Error> Connection::list_sessions() const {
@@ -68,12 +72,16 @@ tl::expected<std::vector<SessionInfo>, Error> Connection::list_sessions() const 
   if (!reply) return tl::unexpected(std::move(reply.error()));
   if (!reply->has_session_list()) return tl::unexpected(unexpected_answer());
   std::vector<SessionInfo> sessions;
-  for (const v1::SessionInfo& session : reply->session_list().sessions())
+  for (const v1::SessionInfo& session : reply->session_list().sessions()) {
     sessions.push_back({.session_id = session.session_id(),
                         .name = session.name(),
                         .clock = session.clock() == v1::CLOCK_SIMULATION ? Clock::kSimulation : Clock::kLive,
                         .sheets = session.sheets(),
                         .newest_time_s = session.newest_time_s()});
+    const v1::RecordingProgress& so_far = session.recording();
+    if (session.has_recording())
+      sessions.back().recording = RecordingInfo{so_far.file_name(), so_far.messages(), so_far.bytes()};
+  }
   return sessions;
 }
 
@@ -85,6 +93,15 @@ tl::expected<Statistics, Error> Connection::statistics(const std::string& sessio
   if (!reply) return tl::unexpected(std::move(reply.error()));
   if (!reply->has_statistics()) return tl::unexpected(unexpected_answer());
   return internal::from_wire(reply->statistics());
+}
+
+tl::expected<ServerStatistics, Error> Connection::server_statistics() const {
+  v1::ControlRequest request;
+  request.mutable_get_statistics();
+  auto reply = link_->ask(request);
+  if (!reply) return tl::unexpected(std::move(reply.error()));
+  if (!reply->has_server_statistics()) return tl::unexpected(unexpected_answer());
+  return internal::from_wire(reply->server_statistics());
 }
 
 tl::expected<std::vector<Gain>, Error> Connection::set_gains(const std::string& session_id,
@@ -115,13 +132,10 @@ tl::expected<PackInfo, Error> Connection::change_pack(const std::string& session
   return internal::from_wire(reply->pack_changed().pack());
 }
 
-tl::expected<PackInfo, Error> Connection::reload_pack(const std::string& name) const {
+tl::expected<std::vector<PackInfo>, Error> Connection::reload_pack(const std::string& name) const {
   v1::ControlRequest request;
   request.mutable_reload_pack()->set_name(name);
-  auto reply = link_->ask(request);
-  if (!reply) return tl::unexpected(std::move(reply.error()));
-  if (!reply->has_pack_changed()) return tl::unexpected(unexpected_answer());
-  return internal::from_wire(reply->pack_changed().pack());
+  return ask_for_packs(*link_, request);
 }
 
 tl::expected<std::string, Error> Connection::start_recording(const std::string& session_id,

@@ -2,14 +2,11 @@
 
 #include <utility>
 
+#include "client_sdk/cpp/from_wire.h"
 #include "client_sdk/cpp/subscription.h"
 
 namespace rustle::client {
 namespace {
-
-Vector3 from_wire(const v1::Vector3& v) {
-  return {v.x(), v.y(), v.z()};
-}
 
 template <typename Resonators>
 std::vector<ObservedResonator> resonators_from_wire(const Resonators& sent) {
@@ -24,11 +21,13 @@ Observation from_wire(const v1::Observation& sent) {
   Observation out{sent.sheet_id(), sent.time_s(), {}, {}};
   for (const auto& event : sent.crumpling()) {
     out.crumpling.push_back({event.event_id(), event.continues_event_id(), event.time_s(), event.amplitude_m(),
-                             event.area_m2(), from_wire(event.position()), resonators_from_wire(event.resonators())});
+                             event.area_m2(), internal::from_wire(event.position()),
+                             resonators_from_wire(event.resonators())});
   }
   for (const auto& contact : sent.friction()) {
-    out.friction.push_back({contact.event_id(), contact.speed_m_per_s(), contact.area_m2(), from_wire(contact.position()),
-                            contact.touched_surface(), resonators_from_wire(contact.resonators())});
+    out.friction.push_back({contact.event_id(), contact.speed_m_per_s(), contact.area_m2(),
+                            internal::from_wire(contact.position()), contact.touched_surface(),
+                            resonators_from_wire(contact.resonators())});
   }
   return out;
 }

@@ -4,8 +4,11 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <utility>
 
+#include "client_sdk/cpp/from_wire.h"
+#include "client_sdk/cpp/opus_decoder.h"
 #include "client_sdk/cpp/subscription.h"
 
 static_assert(std::endian::native == std::endian::little, "samples are copied as they come: little-endian");
@@ -14,6 +17,7 @@ namespace rustle::client {
 namespace {
 
 constexpr int kLiveQueueMessages = 4096;
+constexpr std::int64_t kForgotten_s = 10;  ///< an emitter that was not heard of for so long has ended unheard
 
 std::string topic_of(const std::string& session_id, const ListenOptions& options) {
   std::string topic = session_id + "/pcm/";
@@ -24,15 +28,18 @@ std::string topic_of(const std::string& session_id, const ListenOptions& options
   } else {
     topic += "emitter";
   }
+  // Packets are all of one length: whoever listens shares one stream of them.
+  if (options.format == SampleFormat::kOpus) return topic + "/opus/4";
   return topic + (options.format == SampleFormat::kS16 ? "/s16/" : "/f32/") + std::to_string(options.blocks);
 }
 
-Vector3 from_wire(const v1::Vector3& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
 /// False for a format this version does not know, or data of the wrong size.
-bool read_samples(const v1::Pcm& pcm, std::vector<float>& out) {
+bool read_samples(const v1::Pcm& pcm, internal::OpusTracks& tracks, std::vector<float>& out) {
+  if (pcm.format() == v1::SAMPLE_FORMAT_OPUS) {
+    if (pcm.samples() == 0) return true;
+    return tracks.decode(pcm.emitter().emitter_id(), pcm.rate_hz(), pcm.channels(),
+                         {pcm.data(), pcm.skip_samples(), pcm.samples()}, out);
+  }
   const std::size_t count = std::size_t{pcm.samples()} * pcm.channels();
   const std::string& data = pcm.data();
   if (pcm.format() == v1::SAMPLE_FORMAT_F32 && data.size() == count * sizeof(float)) {
@@ -59,11 +66,43 @@ struct PcmReader::Impl {
   bool simulation = false;
   std::optional<std::int64_t> next_sample{};
   double next_time_s = 0;
-  std::uint64_t sequence = 0;             ///< of the newest message with samples
-  internal::Clock::time_point arrived{};  ///< that message
+  std::uint64_t sequence = 0;                        ///< of the newest message
+  std::map<std::uint64_t, std::int64_t> emitters{};  ///< by id: the sample that follows
+  internal::Clock::time_point arrived{};             ///< that message
   bool ended = false;
+  internal::OpusTracks tracks{};
+  bool many = false;  ///< sounds of emitters, not one
   std::uint64_t missing_samples = 0;
+  std::uint64_t missing_messages = 0;
   std::uint64_t unreadable = 0;
+
+  /// What messages were lost before this one. True: another daemon sent it.
+  bool follow(const v1::OutMessage& message) {
+    const std::uint64_t number = message.sequence();
+    const bool back = number > 0 && number <= sequence;
+    if (sequence > 0 && number > sequence + 1) missing_messages += number - sequence - 1;
+    sequence = number;
+    return back;
+  }
+
+  /// Of the sounds of emitters each goes on by itself.
+  void place_emitter(bool back, PcmBlock& block) {
+    if (back) emitters.clear();
+    block.restarted = back;
+    std::erase_if(emitters, [&](const auto& entry) {
+      const bool forgotten = entry.second + kForgotten_s * static_cast<std::int64_t>(block.rate_hz) < block.first_sample;
+      if (forgotten && entry.first != block.emitter->emitter_id) tracks.end(entry.first);
+      return forgotten;
+    });
+    const auto [known, fresh] = emitters.try_emplace(block.emitter->emitter_id, block.first_sample);
+    if (block.first_sample > known->second)
+      block.missing_samples =
+          std::max(block.missing_samples, static_cast<std::uint64_t>(block.first_sample - known->second));
+    known->second = block.first_sample + block.samples;
+    if (!block.emitter->last) return;
+    tracks.end(known->first);
+    emitters.erase(known);
+  }
 
   PcmBlock read_end(std::int64_t length) {
     ended = true;
@@ -84,18 +123,16 @@ struct PcmReader::Impl {
   }
 
   /// Where the block stands in the stream: what is missing before it, and whether another daemon sent it.
-  void place(const v1::OutMessage& message, PcmBlock& block) {
-    const v1::Pcm& pcm = message.pcm();
+  void place(const v1::Pcm& pcm, bool back, PcmBlock& block) {
     const auto now = internal::Clock::now();
     if (next_sample) {
-      block.restarted = block.first_sample < *next_sample || (message.sequence() > 0 && message.sequence() <= sequence);
+      block.restarted = block.first_sample < *next_sample || back;
       const std::uint64_t skipped =
           block.restarted ? away(pcm, now) : static_cast<std::uint64_t>(block.first_sample - *next_sample);
       block.missing_samples = std::max(block.missing_samples, skipped);
     }
     next_sample = block.first_sample + block.samples;
     next_time_s = block.time_s + static_cast<double>(block.samples) / std::max<std::uint32_t>(1, block.rate_hz);
-    sequence = message.sequence();
     arrived = now;
   }
 
@@ -105,10 +142,11 @@ struct PcmReader::Impl {
       ++unreadable;
       return std::nullopt;
     }
+    const bool back = follow(message);
     if (message.has_end()) return read_end(message.end().samples());
     PcmBlock block;
     const v1::Pcm& pcm = message.pcm();
-    if (!message.has_pcm() || !read_samples(pcm, block.interleaved)) {
+    if (!message.has_pcm() || !read_samples(pcm, tracks, block.interleaved)) {
       ++unreadable;
       return std::nullopt;
     }
@@ -123,11 +161,12 @@ struct PcmReader::Impl {
       block.emitter = EmitterState{.emitter_id = emitter.emitter_id(),
                                    .sheet_id = emitter.sheet_id(),
                                    .kind = internal::kind_from_name(emitter.kind()),
-                                   .position = from_wire(emitter.position()),
-                                   .normal = from_wire(emitter.normal()),
+                                   .position = internal::from_wire(emitter.position()),
+                                   .normal = internal::from_wire(emitter.normal()),
                                    .last = emitter.last()};
+      place_emitter(back, block);
     } else {
-      place(message, block);
+      place(pcm, back, block);
     }
     missing_samples += block.missing_samples;
     return block;
@@ -152,7 +191,9 @@ tl::expected<PcmReader, Error> PcmReader::open(const Connection& connection, con
   auto subscription = internal::Subscription::open(connection.link(), topic_of(session_id, options),
                                                    {.queue = queue, .reconnect = reconnect});
   if (!subscription) return tl::unexpected(std::move(subscription.error()));
-  return PcmReader(std::make_unique<Impl>(Impl{.subscription = std::move(*subscription), .simulation = simulation}));
+  const bool many = std::holds_alternative<EmitterContent>(options.content);
+  return PcmReader(
+      std::make_unique<Impl>(Impl{.subscription = std::move(*subscription), .simulation = simulation, .many = many}));
 }
 
 std::optional<PcmBlock> PcmReader::next(std::chrono::milliseconds timeout) {
@@ -164,6 +205,9 @@ std::optional<PcmBlock> PcmReader::next(std::chrono::milliseconds timeout) {
 }
 
 tl::expected<Sound, Error> PcmReader::read_all(std::chrono::milliseconds timeout) {
+  if (impl_->many)
+    return tl::unexpected(
+        internal::local_error("invalid", "Emitters are many sounds.", "Read block after block with next().", "content"));
   const auto deadline = internal::Clock::now() + timeout;
   Sound sound;
   std::optional<std::int64_t> first = impl_->next_sample;
@@ -206,6 +250,9 @@ std::weak_ptr<internal::Subscription> PcmReader::subscription() const {
 
 std::uint64_t PcmReader::missing_samples() const {
   return impl_->missing_samples;
+}
+std::uint64_t PcmReader::missing_messages() const {
+  return impl_->missing_messages;
 }
 std::uint64_t PcmReader::unreadable_messages() const {
   return impl_->unreadable;

@@ -76,6 +76,7 @@ tl::expected<Session, Error> Session::attach(const Connection& connection, const
                                                   .options = in_force,
                                                   .streams = opening->take(),
                                                   .credit = attached.credit(),
+                                                  .recording_file_name = attached.recording_file_name(),
                                                   .breaks = breaks,
                                                   .reconnect = how.reconnect.value_or(in_force.clock == Clock::kLive),
                                                   .on_notice = how.on_notice})}));
@@ -193,6 +194,32 @@ tl::expected<std::vector<Gain>, Error> Session::set_gains(const std::vector<Gain
   return in_force;
 }
 
+tl::expected<PackInfo, Error> Session::change_pack(std::uint32_t sheet_id, const std::string& material,
+                                                   const std::string& touched_surface) const {
+  auto pack = impl_->stream.connection().change_pack(impl_->stream.id(), sheet_id, material, touched_surface);
+  if (pack) impl_->stream.keep_pack(sheet_id, material, touched_surface);
+  return pack;
+}
+
+tl::expected<std::string, Error> Session::start_recording(const std::string& file_name) {
+  auto started = impl_->stream.connection().start_recording(impl_->stream.id(), file_name);
+  if (started) impl_->stream.set_recording_file_name(*started);
+  return started;
+}
+
+tl::expected<RecordingInfo, Error> Session::stop_recording() {
+  auto stopped = impl_->stream.connection().stop_recording(impl_->stream.id());
+  if (stopped) impl_->stream.set_recording_file_name({});
+  return stopped;
+}
+
+const std::string& Session::recording_file_name() const {
+  return impl_->stream.recording_file_name();
+}
+std::uint64_t Session::stored_sequence() const {
+  return impl_->stream.stored_sequence();
+}
+
 std::vector<Notice> Session::poll_notices() {
   return impl_->stream.poll_notices();
 }
@@ -203,6 +230,10 @@ tl::expected<void, Error> Session::drain(milliseconds timeout) {
 
 tl::expected<Statistics, Error> Session::detach(bool discard) {
   return impl_->stream.detach(discard);
+}
+
+void Session::abandon() noexcept {
+  impl_.reset();
 }
 
 void Session::set_send_timeout(milliseconds timeout) {

@@ -56,7 +56,7 @@ struct RawOptions {
 ///   reconnect = false  is an "unreachable" error within two seconds; one that was started anew does not know the session:
 ///                      "unknown_session".
 ///   reconnect = true   is waited for. Whatever is sent to the daemon that came back goes on under the same session id: the
-///                      session attaches again and sends its sheets, topologies, scene and listener first.
+///                      session attaches again and sends its gains, sheets, topologies, scene and listener first.
 ///                      LIVE: nothing waits and nothing is an error meanwhile; frames are dropped and counted. There is no
 ///                      thread behind it: the calls themselves do the work, so it goes on as long as they come. What the new
 ///                      daemon refuses for good, such as a material it does not have, is the error of every later call.
@@ -106,7 +106,21 @@ class Session {
   [[nodiscard]] tl::expected<ObservationReader, Error> observe() const;
 
   [[nodiscard]] tl::expected<Statistics, Error> statistics() const;
+  /// As Connection's; told again to a daemon that comes back.
   [[nodiscard]] tl::expected<std::vector<Gain>, Error> set_gains(const std::vector<Gain>& gains) const;
+  [[nodiscard]] tl::expected<PackInfo, Error> change_pack(std::uint32_t sheet_id, const std::string& material,
+                                                          const std::string& touched_surface = {}) const;
+
+  /// Records from now on, in a file of the daemon's recording folder: a plain name, or empty for one that the daemon
+  /// chooses. Returns the name. What sounds already, and the motion so far, is not in it: a session that is to be recorded
+  /// whole is attached with SessionOptions::record. Ends with the session; a daemon that starts anew does not go on with it.
+  [[nodiscard]] tl::expected<std::string, Error> start_recording(const std::string& file_name = {});
+  /// Returns when the file is closed.
+  [[nodiscard]] tl::expected<RecordingInfo, Error> stop_recording();
+  /// Where the session is recorded; empty: nowhere, as far as was heard.
+  const std::string& recording_file_name() const;
+  /// Everything up to this message that was recorded is on the daemon's disk, as far as was heard.
+  std::uint64_t stored_sequence() const;
 
   /// What the daemon said about this session's messages since the last call, oldest first; at most 1024 are kept.
   [[nodiscard]] std::vector<Notice> poll_notices();
@@ -116,6 +130,9 @@ class Session {
 
   /// Ends the session at the daemon; returns its last figures. With `discard` what was not yet rendered is dropped.
   [[nodiscard]] tl::expected<Statistics, Error> detach(bool discard = false);
+
+  /// Leaves without a word, as a process that dies: the daemon finds out by itself. Afterwards nothing but destruction.
+  void abandon() noexcept;
 
   void set_send_timeout(std::chrono::milliseconds timeout);  ///< 10 s unless set
   std::uint64_t sent_messages() const;

@@ -15,7 +15,7 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kNoticesKept = 1024;
 constexpr std::size_t kPutOff = 256;  ///< messages kept while a daemon is away; beyond them, what stands is told instead
-constexpr milliseconds kLookEvery{50};
+constexpr milliseconds kAnswersEvery{50};
 constexpr milliseconds kStep{5};
 
 /// What may be left out rather than waited for on the live clock.
@@ -51,7 +51,8 @@ SessionStream::SessionStream(Start start)
       streams_(std::move(start.streams)),
       reconnect_(start.reconnect),
       on_notice_(std::move(start.on_notice)),
-      breaks_(start.breaks) {
+      breaks_(start.breaks),
+      recording_file_name_(std::move(start.recording_file_name)) {
   take(start.credit);
   for (const auto& parts : streams_.early) take(parts);
   streams_.early.clear();
@@ -59,6 +60,29 @@ SessionStream::SessionStream(Start start)
     v1::StreamMessage told;
     *told.mutable_sheet() = sheet;
     standing_.take(told);
+    note(sheet);
+  }
+}
+
+void SessionStream::note(const v1::Sheet& sheet) {
+  KnownSheet& known = sheets_[sheet.sheet_id()];
+  std::string said = sheet.SerializeAsString();
+  if (known.said == said) return;
+  known = {.said = std::move(said), .now = sheet};
+}
+
+void SessionStream::keep_pack(std::uint32_t sheet_id, const std::string& material, const std::string& touched_surface) {
+  const auto known = sheets_.find(sheet_id);
+  if (known == sheets_.end()) return;
+  if (!material.empty()) known->second.now.set_material(material);
+  if (!touched_surface.empty()) known->second.now.set_touched_surface(touched_surface);
+}
+
+void SessionStream::tell_again(std::vector<v1::StreamMessage> messages) {
+  pending_.clear();
+  for (v1::StreamMessage& message : messages) {
+    if (message.has_sheet()) *message.mutable_sheet() = sheets_.at(message.sheet().sheet_id()).now;
+    pending_.push_back(std::move(message));
   }
 }
 
@@ -77,10 +101,15 @@ void SessionStream::take(const std::vector<std::string>& parts) {
   v1::OutMessage message;
   if (parts.size() != 2 || !message.ParseFromString(parts[1])) return;
   if (message.has_credit()) take(message.credit());
+  if (message.has_stored()) {
+    recording_file_name_ = message.stored().file_name();
+    stored_sequence_ = message.stored().sequence();
+  }
   if (!message.has_notice()) return;
   const v1::Notice& told = message.notice();
   if (told.code() == "idle" || told.code() == "unknown_session")
     lost_ = local_error(told.code(), told.message(), told.remedy(), told.field());
+  if (told.code() == "storage") recording_file_name_.clear();
   if (notices_.size() == kNoticesKept) notices_.pop_front();
   notices_.push_back(internal::read(told));
   if (on_notice_) untold_.push_back(notices_.back());
@@ -154,8 +183,7 @@ tl::expected<void, Error> SessionStream::recover() {
   if (*progress == Reattachment::Progress::kAttached) {
     begin_again();
   } else if (tell_all_) {
-    const auto standing = standing_.messages();
-    pending_.assign(standing.begin(), standing.end());
+    tell_again(standing_.messages());
   }
   tell_all_ = false;
   recovery_.reset();
@@ -171,10 +199,11 @@ void SessionStream::begin_again() {
   bytes_under_way_ = 0;
   lost_.reset();
   ++reattached_;
-  pending_.clear();
-  for (v1::StreamMessage& message : standing_.messages()) pending_.push_back(std::move(message));
-  for (UnderWay& sent : unacknowledged) pending_.push_back(std::move(sent.message));
+  std::vector<v1::StreamMessage> told = standing_.messages();
+  for (UnderWay& sent : unacknowledged) told.push_back(std::move(sent.message));
+  tell_again(std::move(told));
   if (attached.has_credit()) take(attached.credit());
+  recording_file_name_ = attached.recording_file_name();
   const auto early = std::exchange(streams_.early, {});
   for (const auto& parts : early) take(parts);
 }
@@ -184,6 +213,7 @@ v1::Attach SessionStream::attach_again() const {
   attach.mutable_options()->set_rate_hz(options_.rate_hz);
   attach.mutable_options()->set_block_size(options_.block_size);
   attach.clear_sheets();
+  for (const auto& [id, sheet] : sheets_) *attach.add_sheets() = sheet.now;  // for gains that concern them
   if (const auto newest_s = standing_.newest_time_s(); simulation() && newest_s) {
     const double samples = std::floor((*newest_s - options_.time_origin_s) * options_.rate_hz);
     attach.mutable_options()->set_time_origin_s(options_.time_origin_s + std::max(0.0, samples) / options_.rate_hz);
@@ -252,6 +282,7 @@ SendResult SessionStream::send(v1::StreamMessage message, bool keep_sequence, bo
   if (detached_) return tl::unexpected(local_error("closed", "The session was detached.", "Attach a new one."));
   take_answers();
   if (auto there = look(); !there) return tl::unexpected(std::move(there.error()));
+  if (message.has_sheet()) note(message.sheet());
   if (!simulation()) {
     if (may_drop && may_be_dropped(message)) {
       if (reconnect_) standing_.take(message);
@@ -293,7 +324,7 @@ tl::expected<void, Error> SessionStream::wait_until(milliseconds timeout, const 
     if (recovery_) {
       std::this_thread::sleep_for(std::min(left, kStep));
     } else {
-      streams_.answers.wait(std::min(left, simulation() ? kLookEvery : kStep));
+      streams_.answers.wait(std::min(left, simulation() ? kAnswersEvery : kStep));
     }
     take_answers();
     if (auto there = look(); !there) return there;

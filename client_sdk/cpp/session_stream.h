@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -32,6 +33,7 @@ class SessionStream {
     SessionOptions options;  ///< as in force
     Streams streams;
     v1::FlowCredit credit;
+    std::string recording_file_name;
     std::uint64_t breaks;  ///< of the control connection, when the session was attached
     bool reconnect;
     std::function<void(const Notice&)> on_notice;  ///< may be empty
@@ -50,6 +52,8 @@ class SessionStream {
   void tell_detach();
   /// Gains that a daemon that starts anew is told.
   void keep(const std::vector<Gain>& gains) { gains_ = gains; }
+  /// What it was changed to by control; empty: as it was.
+  void keep_pack(std::uint32_t sheet_id, const std::string& material, const std::string& touched_surface);
   /// A reader of this session's: a simulation waits for it to come back too.
   void keep(std::weak_ptr<Subscription> reader);
 
@@ -65,6 +69,9 @@ class SessionStream {
   std::uint64_t dropped_messages() const { return dropped_messages_; }
   std::uint64_t acknowledged_sequence() const { return acknowledged_; }
   std::uint64_t next_sequence() const { return next_sequence_; }
+  const std::string& recording_file_name() const { return recording_file_name_; }
+  void set_recording_file_name(std::string file_name) { recording_file_name_ = std::move(file_name); }
+  std::uint64_t stored_sequence() const { return stored_sequence_; }
 
   std::chrono::milliseconds send_timeout{10'000};
 
@@ -74,7 +81,14 @@ class SessionStream {
     std::size_t bytes;
     v1::StreamMessage message;  ///< empty unless it may have to be sent again
   };
+  struct KnownSheet {
+    std::string said;  ///< its description as sent last; in the same words again it changes nothing
+    v1::Sheet now;     ///< and as changed since
+  };
 
+  void note(const v1::Sheet& sheet);
+  /// To be sent before anything else, each sheet as it is now.
+  void tell_again(std::vector<v1::StreamMessage> messages);
   void take(const v1::FlowCredit& credit);
   void take(const std::vector<std::string>& parts);
   void take_answers();
@@ -109,6 +123,7 @@ class SessionStream {
   std::uint64_t breaks_;  ///< of the control connection, when the session was last known to be there
   std::optional<Reattachment> recovery_{};
   Standing standing_{};
+  std::map<std::uint32_t, KnownSheet> sheets_{};
   std::deque<v1::StreamMessage> pending_{};  ///< to be sent before anything else
   bool tell_all_ = false;                    ///< more was put off than `pending_` keeps
   std::vector<Gain> gains_{};
@@ -125,6 +140,8 @@ class SessionStream {
   std::deque<UnderWay> under_way_{};  ///< simulation clock: sent, not yet acknowledged
   std::size_t bytes_under_way_ = 0;
   std::uint64_t acknowledged_ = 0;
+  std::string recording_file_name_{};
+  std::uint64_t stored_sequence_ = 0;
   std::uint32_t window_messages_ = 0;
   std::uint64_t window_bytes_ = 0;
   std::deque<Notice> notices_{};

@@ -8,7 +8,8 @@
 
 #include "rustle/v1/session.pb.h"
 
-/// What a session has said that still holds: what a daemon that starts anew must be told. Not for applications.
+/// What a session has said that still holds: what a daemon that starts anew must be told, and what a recording that begins
+/// under way holds first. Not for applications.
 namespace rustle::client::internal {
 
 inline constexpr std::size_t kReplacedTopologies = 64;   ///< used before and replaced by a newer one; a daemon keeps as many

@@ -78,6 +78,7 @@ void write(const SessionOptions& options, v1::SessionOptions* out) {
   out->set_record(options.record);
   out->set_hrtf(options.hrtf);
   out->set_friction_fft_size(options.friction_fft_size);
+  out->set_most_voices(options.most_voices);
 }
 
 void read(const v1::SessionOptions& sent, SessionOptions& options) {
@@ -105,6 +106,7 @@ void read(const v1::SessionOptions& sent, SessionOptions& options) {
   options.record = sent.record();
   options.hrtf = sent.hrtf();
   options.friction_fft_size = sent.friction_fft_size();
+  options.most_voices = sent.most_voices();
 }
 
 void write(const Topology& topology, v1::Topology* out) {

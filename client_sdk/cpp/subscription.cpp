@@ -33,9 +33,12 @@ tl::expected<std::shared_ptr<Subscription>, Error> Subscription::open(std::share
       std::make_shared<Subscription>(std::move(link), std::move(monitor), std::move(*socket), endpoint, options.reconnect);
   made->socket_.subscribe(topic);
   std::vector<std::vector<std::string>> early;
-  if (!made->socket_.wait_subscribed(timeout, early))
-    return tl::unexpected(local_error("timeout", "The daemon did not confirm the subscription at " + endpoint + " in time.",
-                                      "Check that the out endpoint can be reached from here."));
+  if (auto granted = made->socket_.wait_subscribed(timeout, early); !granted) {
+    Error& error = granted.error();
+    if (error.code_name == "timeout")
+      error.message = "The daemon did not confirm the subscription at " + endpoint + " in time.";
+    return tl::unexpected(std::move(error));
+  }
   made->early_.assign(std::make_move_iterator(early.begin()), std::make_move_iterator(early.end()));
   return made;
 }

@@ -24,7 +24,7 @@ class Subscription {
   };
 
   /// Returns when the daemon has the subscription: what is published from then on is not missed.
-  /// Errors: "timeout", "unreachable".
+  /// Errors: "timeout", "unreachable", "permission_denied".
   [[nodiscard]] static tl::expected<std::shared_ptr<Subscription>, Error> open(std::shared_ptr<Link> link,
                                                                                const std::string& topic,
                                                                                const Options& options);

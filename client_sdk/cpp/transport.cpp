@@ -64,7 +64,7 @@ constexpr int kHeartbeatTimeoutMs = 600;
 constexpr int kReconnectMs = 50;
 constexpr int kReconnectMaxMs = 200;
 constexpr std::chrono::milliseconds kComesBackWithin{600};  ///< a broken connection, as kReconnectMaxMs allows
-constexpr std::chrono::milliseconds kLookEvery{50};
+constexpr std::chrono::milliseconds kLinkEvery{50};
 constexpr int kMaxSockets = 512;  ///< of one connection: its sessions and readers
 
 std::string lower_code(int code) {
@@ -102,6 +102,11 @@ bool send_message(void* socket, const google::protobuf::MessageLite& body, int f
   return false;
 }
 
+Error key_refused(const std::string& endpoint) {
+  return local_error("unreachable", "The daemon at " + endpoint + " does not admit this key.",
+                     "Have its operator take it in: rustle keys allow NAME.key, then reload rustled.", "endpoints.keys");
+}
+
 int milliseconds_of(std::chrono::milliseconds timeout) {
   return static_cast<int>(std::clamp<std::int64_t>(timeout.count(), 0, 1'000'000'000));
 }
@@ -129,6 +134,21 @@ Error from_wire(const v1::Error& error) {
           .field = error.field(),
           .message = error.message(),
           .remedy = error.remedy()};
+}
+
+std::string reachable(const std::string& bound, const std::string& control) {
+  constexpr std::string_view kTcp = "tcp://";
+  const std::size_t port = bound.rfind(':'), ours = control.rfind(':');
+  for (const std::string_view any : {"tcp://0.0.0.0:", "tcp://[::]:"})
+    if (bound.starts_with(any) && control.starts_with(kTcp) && ours > kTcp.size())
+      return control.substr(0, ours) + bound.substr(port);
+  return bound;
+}
+
+tl::expected<void, Error> read_subscribed(const std::string& answer) {
+  v1::Error error;
+  if (answer.empty() || !error.ParseFromString(answer)) return {};
+  return tl::unexpected(from_wire(error));
 }
 
 ServerInfo from_wire(const v1::Welcome& welcome) {
@@ -177,6 +197,25 @@ Statistics from_wire(const v1::Statistics& sent) {
   out.session_id = sent.session_id();
   for (const auto& [cause, count] : sent.frames_dropped()) out.frames_dropped[cause] = count;
   v1::for_each_figure<Statistics>([&](const char*, auto member, auto get, auto) { out.*member = (sent.*get)(); });
+  return out;
+}
+
+ServerStatistics from_wire(const v1::ServerStatistics& sent) {
+  ServerStatistics out{.uptime_s = sent.uptime_s(), .cpu_s = sent.cpu_s(), .sessions = sent.sessions()};
+  for (const v1::ThreadStatistics& thread : sent.threads())
+    out.threads.push_back(
+        {.name = thread.name(), .count = thread.count(), .cpu_s = thread.cpu_s(), .waited_s = thread.waited_s()});
+  if (!sent.has_playback()) return out;
+  const v1::PlaybackStatistics& playback = sent.playback();
+  out.playback = {.device = playback.device(),
+                  .rate_hz = playback.rate_hz(),
+                  .samples_played = playback.samples_played(),
+                  .samples_missed = playback.samples_missed(),
+                  .devices_opened = playback.devices_opened(),
+                  .devices_lost = playback.devices_lost(),
+                  .samples_in_gaps = playback.samples_in_gaps(),
+                  .samples_left_out = playback.samples_left_out(),
+                  .splices = playback.splices()};
   return out;
 }
 
@@ -234,7 +273,7 @@ SoundKind kind_from_name(std::string_view name) {
   return SoundKind::kCrumpling;
 }
 
-Context::Context() : handle_(zmq_ctx_new()) {
+Context::Context(std::optional<Keys> keys) : handle_(zmq_ctx_new()), keys_(std::move(keys)) {
   if (handle_ == nullptr) return;
   zmq_ctx_set(handle_, ZMQ_MAX_SOCKETS, kMaxSockets);
   zmq_ctx_set(handle_, ZMQ_BLOCKY, 0);
@@ -253,15 +292,24 @@ tl::expected<Socket, Error> Socket::connect(std::shared_ptr<Context> context, Ro
                                       "Raise the limit of open files, or close connections."));
   };
   if (handle == nullptr) return out_of_sockets();
+  const std::optional<Keys>& keys = context->keys();
   Socket socket(std::move(context), handle);
+  if (keys && (zmq_setsockopt(handle, ZMQ_CURVE_SERVERKEY, keys->server_key.c_str(), keys->server_key.size() + 1) != 0 ||
+               zmq_setsockopt(handle, ZMQ_CURVE_PUBLICKEY, keys->public_key.c_str(), keys->public_key.size() + 1) != 0 ||
+               zmq_setsockopt(handle, ZMQ_CURVE_SECRETKEY, keys->secret_key.c_str(), keys->secret_key.size() + 1) != 0))
+    return tl::unexpected(local_error("invalid", "The keys are no CURVE keys: Z85 of 40 characters each.",
+                                      "Read them with read_keys().", "endpoints.keys"));
   set(handle, ZMQ_LINGER, kLingerMs);
   zmq_setsockopt(handle, ZMQ_MAXMSGSIZE, &kMessageBytes, sizeof(kMessageBytes));
   set(handle, ZMQ_SNDHWM, queues.send);
   set(handle, ZMQ_RCVHWM, queues.receive);
   set(handle, ZMQ_HANDSHAKE_IVL, kHandshakeMs);
-  set(handle, ZMQ_HEARTBEAT_IVL, kHeartbeatMs);
-  set(handle, ZMQ_HEARTBEAT_TIMEOUT, kHeartbeatTimeoutMs);
-  set(handle, ZMQ_HEARTBEAT_TTL, kHeartbeatTimeoutMs);
+  // A listener whose queue is full reads no heartbeats, which would end its connection; the control connection has them.
+  if (role != Role::kListener) {
+    set(handle, ZMQ_HEARTBEAT_IVL, kHeartbeatMs);
+    set(handle, ZMQ_HEARTBEAT_TIMEOUT, kHeartbeatTimeoutMs);
+    set(handle, ZMQ_HEARTBEAT_TTL, kHeartbeatTimeoutMs);
+  }
   set(handle, ZMQ_RECONNECT_IVL, kReconnectMs);
   set(handle, ZMQ_RECONNECT_IVL_MAX, kReconnectMaxMs);
   set(handle, ZMQ_IPV6, endpoint.find('[') != std::string::npos ? 1 : 0);
@@ -282,7 +330,8 @@ ConnectionMonitor::~ConnectionMonitor() {
 
 bool ConnectionMonitor::watch(std::shared_ptr<Context> context, void* socket) {
   const std::string endpoint = "inproc://monitor-" + nonce();
-  if (zmq_socket_monitor(socket, endpoint.c_str(), ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED) != 0)
+  if (zmq_socket_monitor(socket, endpoint.c_str(),
+                         ZMQ_EVENT_HANDSHAKE_SUCCEEDED | ZMQ_EVENT_DISCONNECTED | ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) != 0)
     return false;
   context_ = std::move(context);
   events_ = zmq_socket(context_->get(), ZMQ_PAIR);
@@ -302,6 +351,7 @@ ConnectionMonitor::State ConnectionMonitor::look() {
     std::uint16_t number;
     std::memcpy(&number, event, sizeof(number));
     const bool connected = number == ZMQ_EVENT_HANDSHAKE_SUCCEEDED;
+    if (connected || number == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH) state_.key_refused = !connected;
     if (connected == state_.connected || (!connected && number != ZMQ_EVENT_DISCONNECTED)) continue;
     if (!connected) ++state_.breaks;
     state_.connected = connected;
@@ -385,24 +435,27 @@ void Socket::attend() const {
   zmq_getsockopt(handle_, ZMQ_EVENTS, &events, &size);
 }
 
-bool Socket::wait_subscribed(std::chrono::milliseconds timeout, std::vector<std::vector<std::string>>& early) const {
+tl::expected<void, Error> Socket::wait_subscribed(std::chrono::milliseconds timeout,
+                                                  std::vector<std::vector<std::string>>& early) const {
   const std::string topic = "subscribed/" + nonce();
   subscribe(topic);
   const auto deadline = internal::Clock::now() + timeout;
-  bool seen = false;
-  while (!seen) {
+  tl::expected<void, Error> granted = tl::unexpected(local_error("timeout", "The daemon did not confirm the subscription.",
+                                                                 "Check that the out endpoint can be reached from here."));
+  for (bool seen = false; !seen;) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now());
     if (left.count() <= 0 || !wait(left)) break;
     auto parts = receive();
     if (parts.empty()) continue;
-    if (parts.front() == topic) {
-      seen = true;
+    seen = parts.front() == topic;
+    if (seen) {
+      granted = read_subscribed(parts.back());
     } else {
       early.push_back(std::move(parts));
     }
   }
   unsubscribe(topic);
-  return seen;
+  return granted;
 }
 
 Link::Link(std::shared_ptr<Context> context, Socket control, std::unique_ptr<ConnectionMonitor> monitor, Endpoints endpoints,
@@ -412,6 +465,13 @@ Link::Link(std::shared_ptr<Context> context, Socket control, std::unique_ptr<Con
       control_(std::move(control)),
       endpoints_(std::move(endpoints)),
       timeout_(timeout) {}
+
+std::string Link::stream_endpoint() const {
+  return endpoints_.stream.empty() ? reachable(server().stream_endpoint, endpoints_.control) : endpoints_.stream;
+}
+std::string Link::out_endpoint() const {
+  return endpoints_.out.empty() ? reachable(server().out_endpoint, endpoints_.control) : endpoints_.out;
+}
 
 tl::expected<void, Error> Link::check() const {
   const auto state = monitor_->look();
@@ -426,19 +486,20 @@ tl::expected<v1::ControlReply, Error> Link::ask(v1::ControlRequest& request) {
   request.set_request_id(next_request_++);
   const auto deadline = internal::Clock::now() + timeout_;
   const auto no_answer = [this] {
+    if (connection().key_refused) return tl::unexpected(key_refused(endpoints_.control));
     return tl::unexpected(local_error(
         "unreachable", "No answer from " + endpoints_.control + " within " + std::to_string(timeout_.count()) + " ms.",
         "Start rustled, or give the control endpoint it prints when it starts."));
   };
   const auto left = [&deadline] { return std::chrono::ceil<std::chrono::milliseconds>(deadline - internal::Clock::now()); };
-  while (!control_.send(request, std::clamp(left(), std::chrono::milliseconds(0), kLookEvery))) {
+  while (!control_.send(request, std::clamp(left(), std::chrono::milliseconds(0), kLinkEvery))) {
     if (left().count() <= 0) return no_answer();
     if (auto there = check(); !there) return tl::unexpected(std::move(there.error()));
   }
   const std::uint64_t breaks = connection().breaks;
   while (true) {
     if (left().count() <= 0) return no_answer();
-    if (!control_.wait(std::min(left(), kLookEvery))) {
+    if (!control_.wait(std::min(left(), kLinkEvery))) {
       if (auto there = check(); !there) return tl::unexpected(std::move(there.error()));
       if (connection().breaks != breaks)
         return tl::unexpected(local_error("unreachable",

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,25 +30,34 @@ v1::ControlRequest hello();
 tl::expected<ServerInfo, Error> read_welcome(const v1::ControlReply& reply);
 PackInfo from_wire(const v1::PackInfo& pack);
 Statistics from_wire(const v1::Statistics& statistics);
+ServerStatistics from_wire(const v1::ServerStatistics& statistics);
 Gain from_wire(const v1::Gain& gain);
 void to_wire(const Gain& gain, v1::Gain* out);
 std::string_view kind_name(SoundKind kind);
 SoundKind kind_from_name(std::string_view name);
 
+/// An endpoint as the daemon bound it, seen from here: of one that is bound to all addresses, at the host of `control`.
+/// Pure.
+std::string reachable(const std::string& bound, const std::string& control);
+/// What the daemon answers where a subscription is refused: a serialized Error; empty: it is granted.
+tl::expected<void, Error> read_subscribed(const std::string& answer);
+
 /// Different for every call on this machine.
 std::string nonce();
 
-/// A ZeroMQ context, shared by everything that came of one connection.
+/// A ZeroMQ context, shared by everything that came of one connection, and the keys of all its sockets.
 class Context {
  public:
-  Context();
+  explicit Context(std::optional<Keys> keys);
   ~Context();
   Context(const Context&) = delete;
   Context& operator=(const Context&) = delete;
   void* get() const { return handle_; }
+  const std::optional<Keys>& keys() const { return keys_; }
 
  private:
   void* handle_;
+  const std::optional<Keys> keys_;
 };
 
 /// Whether a socket is connected, by its monitor. Any thread.
@@ -56,6 +66,7 @@ class ConnectionMonitor {
   struct State {
     std::uint64_t breaks = 0;  ///< so far
     bool connected = false;
+    bool key_refused = false;   ///< the daemon admits no such key, as far as the newest attempt says
     Clock::time_point since{};  ///< of the newest change
   };
 
@@ -110,7 +121,9 @@ class Socket {
   void attend() const;
 
   /// Listener: waits until the daemon has all subscriptions made so far; what else arrives meanwhile is appended to `early`.
-  [[nodiscard]] bool wait_subscribed(std::chrono::milliseconds timeout, std::vector<std::vector<std::string>>& early) const;
+  /// Errors: "timeout", and the daemon's where it grants a subscription to others only.
+  [[nodiscard]] tl::expected<void, Error> wait_subscribed(std::chrono::milliseconds timeout,
+                                                          std::vector<std::vector<std::string>>& early) const;
 
  private:
   Socket(std::shared_ptr<Context> context, void* handle) : context_(std::move(context)), handle_(handle) {}
@@ -141,8 +154,8 @@ class Link {
   ServerInfo server() const;
   void set_server(ServerInfo server);
   /// The caller's choice, or the daemon's. Any thread.
-  std::string stream_endpoint() const { return endpoints_.stream.empty() ? server().stream_endpoint : endpoints_.stream; }
-  std::string out_endpoint() const { return endpoints_.out.empty() ? server().out_endpoint : endpoints_.out; }
+  std::string stream_endpoint() const;
+  std::string out_endpoint() const;
 
  private:
   std::shared_ptr<Context> context_;

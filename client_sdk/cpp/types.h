@@ -38,11 +38,18 @@ enum class ErrorKind {
 };
 ErrorKind kind_of(const Error& error);
 
+/// CURVE keys, Z85 of 40 characters each. read_keys() of client_sdk/cpp/certificate.h reads them from a folder.
+struct Keys {
+  std::string public_key{}, secret_key{};  ///< one's own
+  std::string server_key{};                ///< the daemon's public key: nobody else is talked to
+};
+
 /// Where the daemon is. Empty: asked from the daemon.
 struct Endpoints {
   std::string control = "tcp://127.0.0.1:7390";
   std::string stream{};
   std::string out{};
+  std::optional<Keys> keys{};  ///< of a daemon that was started with keys
 };
 
 enum class Clock { kLive, kSimulation };
@@ -74,10 +81,11 @@ struct SessionOptions {
   std::uint32_t rate_hz = 0;                ///< 0: the daemon's
   std::uint32_t block_size = 0;             ///< 0: the daemon's
   Channels channels = Channels::kStereo;
-  std::string default_material{};  ///< empty: "printer-paper"
-  bool record = false;
+  std::string default_material{};       ///< empty: "printer-paper"
+  bool record = false;                  ///< the daemon records the session from its first sample on
   std::string hrtf{};                   ///< binaural: "structural", "kemar" or one the daemon offers; empty: the daemon's
   std::uint32_t friction_fft_size = 0;  ///< a power of two, 128 to 8192; 0: the daemon's
+  std::uint32_t most_voices = 0;        ///< at a time, 1 to 512; 0: 512, or what the key may have
   std::vector<SheetOptions> sheets{};   ///< more may follow by add_sheet()
 };
 
@@ -185,8 +193,9 @@ struct Listener {
   std::optional<Vector3> up{};       ///< absent: the session's up axis
 };
 
+/// A sound's level is the product of all gains that concern it.
 struct Gain {
-  double gain_db = 0;
+  double gain_db = 0;                       ///< -200 to 24, or -infinity: silence
   std::optional<std::uint32_t> sheet_id{};  ///< absent: every sheet
   std::optional<SoundKind> kind{};          ///< absent: every kind
   std::string material{};                   ///< empty: every material
@@ -205,11 +214,18 @@ struct PackInfo {
   std::vector<std::string> models{};
 };
 
+/// A file in the daemon's recording folder.
+struct RecordingInfo {
+  std::string file_name{};
+  std::uint64_t messages = 0, bytes = 0;
+};
+
 struct SessionInfo {
   std::string session_id{}, name{};
   Clock clock = Clock::kLive;
   std::uint32_t sheets = 0;
   double newest_time_s = 0;
+  std::optional<RecordingInfo> recording{};  ///< present: it is recorded; so far
 };
 
 /// As proto/rustle/v1/session.proto says of each.
@@ -222,7 +238,10 @@ struct Statistics {
   std::uint64_t voices = 0, voices_most = 0, voices_stolen = 0, voices_dropped = 0;
   std::uint64_t sources_dropped = 0, cues_dropped = 0, sounds_missing = 0, planes_left_out = 0;
   std::uint64_t samples_limited = 0, samples_not_finite = 0, voices_merged = 0;
+  std::uint64_t emitter_samples_left_out = 0;
   std::uint64_t frames_late = 0, time_jumps = 0, input_gaps = 0, samples_in_input_gaps = 0;
+  std::uint64_t pcm_gaps = 0, deadline_misses = 0, late_by_run_delay = 0;
+  std::uint64_t events_joined = 0;
   std::uint64_t crumpling_events = 0, friction_episodes = 0, tear_events = 0;
   double newest_time_s = 0, rendered_time_s = 0, playout_delay_s = 0, clock_drift_ppm = 0;
   std::uint32_t load_level = 0;
@@ -236,9 +255,23 @@ struct Figure {
 /// All numbers of Statistics, in their order.
 std::vector<Figure> figures(const Statistics& statistics);
 
-struct RecordingInfo {
-  std::string file_name{};
-  std::uint64_t messages = 0, bytes = 0;
+/// Figures of the daemon, as proto/rustle/v1/session.proto says of each.
+struct ThreadStatistics {
+  std::string name{};
+  std::uint64_t count = 0;
+  double cpu_s = 0, waited_s = 0;
+};
+struct PlaybackStatistics {
+  std::string device{};
+  std::uint32_t rate_hz = 0;
+  std::uint64_t samples_played = 0, samples_missed = 0, devices_opened = 0, devices_lost = 0;
+  std::uint64_t samples_in_gaps = 0, samples_left_out = 0, splices = 0;
+};
+struct ServerStatistics {
+  double uptime_s = 0, cpu_s = 0;
+  std::uint32_t sessions = 0;
+  std::vector<ThreadStatistics> threads{};
+  std::optional<PlaybackStatistics> playback{};  ///< absent: it plays nothing
 };
 
 enum class NoticeLevel { kInfo, kWarning, kError };

@@ -3,28 +3,32 @@
     connection = rustle.Connection.connect()                  what is asked and answered: sessions, packs, statistics
     session = rustle.Session.attach(connection, options)      what has a time: topologies, frames, scene, listener, end
     reader = session.listen()                                 sound, as float32 [samples, channels]
+    async with session.listen_async() as reader: ...          the same for asyncio
 
 Positions are float32 [V,3] arrays in the session's units, indices count from 0, times are seconds of simulation time.
 Errors are RustleErrors with `field` and `remedy`. A Connection serves any thread; a Session or a reader one at a time.
 """
 from . import sheets
+from .async_readers import AsyncObservationReader, AsyncPcmReader
 from .connection import Connection
 from .errors import Closed, InvalidArgument, Refused, RustleError, SessionLost, TimedOut, Unreachable
+from .keys import Keys
 from .observations import Observation, ObservationReader, ObservedCrumpling, ObservedFriction, ObservedResonator
 from .pcm import Emitters, EmitterState, Gap, ListenOptions, Mix, PcmBlock, PcmReader, Sound, Stem
 from .session import Session, log_notice, raise_notice
 from .types import (Box, Capsule, Channels, Clock, ContactPartner, Contacts, Endpoints, Gain, Mesh, Notice, NoticeLevel,
-                    Obstacle, PackInfo, Partition, Plane, Pose, RecordingInfo, SampleFormat, Sent, ServerInfo, SessionInfo,
-                    SessionOptions, SheetKind, SheetOptions, SoundKind, Sphere, Statistics, SynthesisMode, TearTip, UpAxis)
+                    Obstacle, PackInfo, Partition, Plane, PlaybackStatistics, Pose, RecordingInfo, SampleFormat, Sent, ServerInfo,
+                    ServerStatistics, SessionInfo, SessionOptions, SheetKind, SheetOptions, SoundKind, Sphere, Statistics,
+                    SynthesisMode, TearTip, ThreadStatistics, UpAxis)
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "Box", "Capsule", "Channels", "Clock", "Closed", "Connection", "ContactPartner", "Contacts", "EmitterState", "Emitters",
-    "Endpoints", "Gain", "Gap", "InvalidArgument", "ListenOptions", "Mesh", "Mix", "Notice", "NoticeLevel", "Observation",
+    "AsyncObservationReader", "AsyncPcmReader", "Box", "Capsule", "Channels", "Clock", "Closed", "Connection", "ContactPartner", "Contacts", "EmitterState", "Emitters",
+    "Endpoints", "Gain", "Gap", "InvalidArgument", "Keys", "ListenOptions", "Mesh", "Mix", "Notice", "NoticeLevel", "Observation",
     "ObservationReader", "ObservedCrumpling", "ObservedFriction", "ObservedResonator", "Obstacle", "PackInfo", "Partition",
-    "PcmBlock", "PcmReader", "Plane", "Pose", "RecordingInfo", "Refused", "RustleError", "SampleFormat", "Sent",
-    "ServerInfo", "Session", "SessionInfo", "SessionLost", "SessionOptions", "SheetKind", "SheetOptions", "Sound", "SoundKind",
-    "Sphere", "Statistics", "Stem", "SynthesisMode", "TearTip", "TimedOut", "Unreachable", "UpAxis", "log_notice",
-    "raise_notice", "sheets",
+    "PcmBlock", "PcmReader", "Plane", "PlaybackStatistics", "Pose", "RecordingInfo", "Refused", "RustleError", "SampleFormat",
+    "Sent", "ServerInfo", "ServerStatistics", "Session", "SessionInfo", "SessionLost", "SessionOptions", "SheetKind",
+    "SheetOptions", "Sound", "SoundKind", "Sphere", "Statistics", "Stem", "SynthesisMode", "TearTip", "ThreadStatistics",
+    "TimedOut", "Unreachable", "UpAxis", "log_notice", "raise_notice", "sheets",
 ]

@@ -5,10 +5,11 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import Any
 
-from . import messages
+from . import arrays, messages
 from .errors import Refused, RustleError
+from .keys import Keys
 from .transport import PROTOCOL_VERSION, Link
-from .types import Endpoints, Gain, PackInfo, RecordingInfo, ServerInfo, SessionInfo, Statistics
+from .types import Endpoints, Gain, PackInfo, RecordingInfo, ServerInfo, ServerStatistics, SessionInfo, Statistics
 from .v1 import session_pb2
 
 CLIENT_NAME = "rustle Python SDK 0.1.0"
@@ -50,13 +51,14 @@ class Connection:
         self._link = link
 
     @staticmethod
-    def connect(endpoints: Endpoints | str = Endpoints(), timeout_s: float = 5.0) -> Connection:
+    def connect(endpoints: Endpoints | str = Endpoints(), timeout_s: float = 5.0, *, keys: Keys | None = None) -> Connection:
         """Says hello and waits for the welcome; `timeout_s` holds for every later request too.
 
-        `endpoints` may be the control endpoint alone. Errors: InvalidArgument (endpoint), Unreachable (nobody answers), Refused
+        `endpoints` may be the control endpoint alone; `keys` are for a daemon that was started with keys, and for all that comes
+        of the connection. Errors: InvalidArgument (endpoint, keys), Unreachable (nobody answers, or not to this key), Refused
         ("protocol_version").
         """
-        connection = Connection(Link(Endpoints(endpoints) if isinstance(endpoints, str) else endpoints, timeout_s))
+        connection = Connection(Link(Endpoints(endpoints) if isinstance(endpoints, str) else endpoints, timeout_s, keys))
         try:
             connection._link.server = connection.ping()
         except BaseException:
@@ -108,28 +110,38 @@ class Connection:
         request.get_statistics.SetInParent()
         return messages.read_statistics(_expect(self._link.ask(request), "statistics"))
 
+    def server_statistics(self) -> ServerStatistics:
+        """Of the daemon itself."""
+        request = session_pb2.ControlRequest()
+        request.get_statistics.SetInParent()
+        return messages.read_server_statistics(_expect(self._link.ask(request), "server_statistics"))
+
     def set_gains(self, session_id: str, gains: Iterable[Gain]) -> list[Gain]:
-        """Returns all gains in force."""
+        """Changes gains while the session sounds, without a click: each takes the place of the one for the same sheet, kind and
+        material, 0 dB takes it away, the others stay. Returns all in force; none given: only asks."""
         request = session_pb2.ControlRequest(session_id=session_id)
         messages.write_gains(gains, request.set_gains)
         return messages.read_gains(_expect(self._link.ask(request), "gains_set"))
 
     def change_pack(self, session_id: str, sheet_id: int, material: str, touched_surface: str = "") -> PackInfo:
+        """The sheet gets another pack while it sounds: what sounds goes on as it began, what begins has the new one, friction
+        goes over to it. Empty: as it is."""
         request = session_pb2.ControlRequest(session_id=session_id)
-        request.change_pack.sheet_id = sheet_id
+        request.change_pack.sheet_id = arrays.identifier(sheet_id, "sheet_id")
         request.change_pack.material = material
         request.change_pack.touched_surface = touched_surface
         return messages.read_pack(_expect(self._link.ask(request), "pack_changed").pack)
 
-    def reload_pack(self, name: str = "") -> PackInfo:
-        """An empty name reloads all."""
+    def reload_pack(self, name: str = "") -> list[PackInfo]:
+        """The daemon reads packs of this name or material from disk anew, or all that are there; sessions that play them go over.
+        Returns them. All or nothing: where one cannot be read the error names the file."""
         request = session_pb2.ControlRequest()
         request.reload_pack.name = name
         request.reload_pack.SetInParent()
-        return messages.read_pack(_expect(self._link.ask(request), "pack_changed").pack)
+        return [messages.read_pack(pack) for pack in _expect(self._link.ask(request), "pack_list").packs]
 
     def start_recording(self, session_id: str, file_name: str = "") -> str:
-        """Returns the file's name; empty: chosen by the daemon."""
+        """Records a session from now on in the daemon's recording folder. Returns the file's name; empty: chosen by the daemon."""
         request = session_pb2.ControlRequest(session_id=session_id)
         request.start_recording.file_name = file_name
         request.start_recording.SetInParent()
@@ -137,6 +149,7 @@ class Connection:
         return name
 
     def stop_recording(self, session_id: str) -> RecordingInfo:
+        """Returns when the file is closed; also of a session that has ended."""
         request = session_pb2.ControlRequest(session_id=session_id)
         request.stop_recording.SetInParent()
         stopped = _expect(self._link.ask(request), "recording_stopped")

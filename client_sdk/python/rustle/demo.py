@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-import wave
 
 import numpy as np
 
@@ -43,11 +42,7 @@ def main() -> int:
     except rustle.RustleError as error:
         print(f"rustle.demo: {error}", file=sys.stderr)
         return 1
-    with wave.open(arguments.output, "wb") as out:
-        out.setnchannels(sound.samples.shape[1])
-        out.setsampwidth(2)
-        out.setframerate(sound.rate_hz)
-        out.writeframes((np.clip(sound.samples, -1, 1) * 32767).astype("<i2").tobytes())
+    sound.write_wav(arguments.output)
     print(f"{arguments.output}: {len(sound.samples) / sound.rate_hz:.1f} s")
     return 0
 

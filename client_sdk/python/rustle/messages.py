@@ -5,14 +5,15 @@ Whatever writes a message checks it first: an InvalidArgument leaves nothing hal
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from . import arrays
 from .errors import InvalidArgument, Refused, RustleError, SessionLost
 from .types import (Array, Box, Capsule, Channels, Clock, Contacts, Floats, Gain, Mesh, Notice, NoticeLevel, Obstacle, PackInfo,
-                    Partition, Plane, Pose, ServerInfo, SessionInfo, SessionOptions, SheetKind, SheetOptions, SoundKind, Sphere,
-                    Statistics, SynthesisMode, TearTip, UpAxis)
+                    Partition, Plane, PlaybackStatistics, Pose, RecordingInfo, ServerInfo, ServerStatistics, SessionInfo, SessionOptions,
+                    SheetKind, SheetOptions, SoundKind, Sphere, Statistics, SynthesisMode, TearTip, ThreadStatistics, UpAxis)
 from .v1 import audio_pb2, scene_pb2, session_pb2, sheet_pb2
 
 _CLOCKS = {Clock.LIVE: session_pb2.CLOCK_LIVE, Clock.SIMULATION: session_pb2.CLOCK_SIMULATION}
@@ -76,6 +77,7 @@ def write_options(options: SessionOptions, out: session_pb2.SessionOptions) -> N
     out.record = options.record
     out.hrtf = options.hrtf
     out.friction_fft_size = arrays.identifier(options.friction_fft_size, "options.friction_fft_size")
+    out.most_voices = arrays.identifier(options.most_voices, "options.most_voices")
 
 
 def read_options(sent: session_pb2.SessionOptions, asked: SessionOptions) -> SessionOptions:
@@ -86,7 +88,8 @@ def read_options(sent: session_pb2.SessionOptions, asked: SessionOptions) -> Ses
         mode=_named(_MODES, sent.mode, SynthesisMode.CORRECTED),
         playout_delay_s=sent.playout_delay_s if sent.HasField("playout_delay_s") else None, rate_hz=sent.rate_hz,
         block_size=sent.block_size, channels=_named(_CHANNELS, sent.channels, Channels.STEREO),
-        default_material=sent.default_material, record=sent.record, hrtf=sent.hrtf, friction_fft_size=sent.friction_fft_size)
+        default_material=sent.default_material, record=sent.record, hrtf=sent.hrtf, friction_fft_size=sent.friction_fft_size,
+        most_voices=sent.most_voices)
 
 
 def write_attach(options: SessionOptions, out: session_pb2.Attach) -> None:
@@ -232,7 +235,8 @@ def write_gains(gains: Iterable[Gain], out: session_pb2.SetGains) -> None:
     out.SetInParent()
     for k, gain in enumerate(gains):
         sent = out.gains.add()
-        sent.gain_db = arrays.number(gain.gain_db, f"gains[{k}].gain_db")
+        silence = gain.gain_db == -math.inf
+        sent.gain_db = gain.gain_db if silence else arrays.number(gain.gain_db, f"gains[{k}].gain_db")
         if gain.sheet_id is not None:
             sent.sheet_id = arrays.identifier(gain.sheet_id, f"gains[{k}].sheet_id")
         if gain.kind is not None:
@@ -258,13 +262,24 @@ def read_pack(pack: session_pb2.PackInfo) -> PackInfo:
 
 
 def read_session(session: session_pb2.SessionInfo) -> SessionInfo:
+    so_far = session.recording
+    recording = RecordingInfo(so_far.file_name, so_far.messages, so_far.bytes) if session.HasField("recording") else None
     return SessionInfo(session.session_id, session.name, _named(_CLOCKS, session.clock, Clock.LIVE), session.sheets,
-                       session.newest_time_s)
+                       session.newest_time_s, recording)
 
 
 def read_statistics(sent: session_pb2.Statistics) -> Statistics:
     names = [field.name for field in dataclasses.fields(Statistics) if field.name != "frames_dropped"]
     return Statistics(frames_dropped=dict(sent.frames_dropped), **{name: getattr(sent, name) for name in names})
+
+
+def read_server_statistics(sent: session_pb2.ServerStatistics) -> ServerStatistics:
+    def read(kind: type, message: Any) -> Any:
+        return kind(*(getattr(message, field.name) for field in dataclasses.fields(kind)))
+
+    threads = tuple(read(ThreadStatistics, thread) for thread in sent.threads)
+    playback = read(PlaybackStatistics, sent.playback) if sent.HasField("playback") else None
+    return ServerStatistics(sent.uptime_s, sent.cpu_s, sent.sessions, threads, playback)
 
 
 def read_gains(sent: session_pb2.GainsSet) -> list[Gain]:

@@ -110,6 +110,11 @@ class ObservationReader:
             if observation is not None:
                 yield observation
 
+    @property
+    def subscription(self) -> Subscription:
+        """For the SDK's own classes."""
+        return self._subscription
+
     def is_heard(self) -> bool:
         """Whether what the daemon publishes reaches it now, or never will because it was closed. Any thread."""
         return self._subscription.is_heard()

@@ -15,16 +15,17 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from . import arrays, messages
+from .async_readers import AsyncObservationReader, AsyncPcmReader
 from .attachment import LIVE_QUEUE_MESSAGES, SIMULATION_QUEUE_MESSAGES, Reattached, Streams, open_streams, reattach
 from .connection import Connection
 from .errors import Closed, InvalidArgument, Refused, RustleError, SessionLost, TimedOut, Unreachable
 from .observations import ObservationReader
-from .pcm import ListenOptions, PcmReader
+from .pcm import ListenOptions, PcmReader, with_choices
 from .standing import Standing
 from .transport import LINGER_MS, MESSAGE_BYTES, milliseconds_until, receive, send
-from .types import (Array, Clock, Contacts, Floats, Gain, Notice, NoticeLevel, Obstacle, Partition, Pose, Sent, SessionOptions,
-                    SheetOptions, Statistics, TearTip, Vector3)
-from .v1 import audio_pb2, session_pb2
+from .types import (Array, Clock, Contacts, Floats, Gain, Notice, NoticeLevel, Obstacle, PackInfo, Partition, Pose, RecordingInfo,
+                    SampleFormat, Sent, SessionOptions, SheetOptions, SoundKind, Statistics, TearTip, Vector3)
+from .v1 import audio_pb2, session_pb2, sheet_pb2
 
 _NOTICES_KEPT = 1024
 _PUT_OFF = 256  #: messages kept while a daemon is away; beyond them, what stands is told instead
@@ -54,6 +55,11 @@ class _UnderWay(NamedTuple):
     bytes: int
 
 
+class _KnownSheet(NamedTuple):
+    said: bytes  #: its description as sent last; in the same words again it changes nothing
+    now: sheet_pb2.Sheet  #: and as changed since
+
+
 class _Mesh(NamedTuple):
     vertices: int
     triangles: int
@@ -80,7 +86,7 @@ class Session:
     A daemon that goes away
       reconnect=False  is an Unreachable error within two seconds; one that was started anew is SessionLost.
       reconnect=True   is waited for. Whatever is sent to the daemon that came back goes on under the same session id: the
-                       session attaches again and sends its sheets, topologies, scene and listener first.
+                       session attaches again and sends its gains, sheets, topologies, scene and listener first.
                        LIVE: nothing waits and nothing is raised meanwhile; frames are dropped and counted. The calls
                        themselves do the work, so it goes on as long as they come. What the new daemon refuses for good, such
                        as a material it does not have, is raised.
@@ -108,10 +114,11 @@ class Session:
         self._recovery: Generator[None, None, Reattached | None] | None = None
         self._recovering_since = 0.0
         self._standing = Standing()
+        self._sheets: dict[int, _KnownSheet] = {}
         self._pending: collections.deque[session_pb2.StreamMessage] = collections.deque()
         self._tell_all = False  # more was put off than _pending keeps
         self._gains: list[Gain] = []
-        self._readers: weakref.WeakSet[PcmReader | ObservationReader] = weakref.WeakSet()
+        self._readers: weakref.WeakSet[PcmReader | ObservationReader | AsyncPcmReader | AsyncObservationReader] = weakref.WeakSet()
         self._failure: RustleError | None = None
         self._lost: SessionLost | None = None
         self._reattached = 0
@@ -123,6 +130,7 @@ class Session:
         self._under_way: collections.deque[_UnderWay] = collections.deque()  # SIMULATION clock: sent, not yet acknowledged
         self._bytes_under_way = 0
         self._acknowledged = 0
+        self._recording_file_name, self._stored_sequence = "", 0
         self._window_messages = self._window_bytes = 0
         self._notices: collections.deque[Notice] = collections.deque(maxlen=_NOTICES_KEPT)
         self._untold: collections.deque[Notice] = collections.deque()
@@ -163,8 +171,10 @@ class Session:
         session = Session(connection, session_id, options, in_force, streams, breaks, wanted, on_notice)
         if attached.HasField("credit"):
             session._take_credit(attached.credit)
+        session._recording_file_name = attached.recording_file_name
         for sheet in request.attach.sheets:
             session._standing.take(session_pb2.StreamMessage(sheet=sheet))
+            session._note(sheet)
         return session
 
     def __enter__(self) -> Session:
@@ -215,6 +225,16 @@ class Session:
     @property
     def next_sequence(self) -> int:
         return self._next_sequence
+
+    @property
+    def recording_file_name(self) -> str:
+        """Where the session is recorded; empty: nowhere, as far as was heard."""
+        return self._recording_file_name
+
+    @property
+    def stored_sequence(self) -> int:
+        """Everything up to this message that was recorded is on the daemon's disk, as far as was heard."""
+        return self._stored_sequence
 
     @property
     def connected(self) -> bool:
@@ -336,8 +356,15 @@ class Session:
 
     # ---- what it hears and asks
 
-    def listen(self, options: ListenOptions = ListenOptions()) -> PcmReader:
-        """The session's sound. Subscribes and returns when that is in force: what is sent afterwards is heard whole."""
+    def listen(self, options: ListenOptions = ListenOptions(), *, stem: tuple[int, SoundKind | str] | None = None,
+               emitters: bool = False, format: SampleFormat | str | None = None) -> PcmReader:
+        """The session's sound. Subscribes and returns when that is in force: what is sent afterwards is heard whole.
+
+        stem      (sheet_id, kind), such as (1, "friction"): one sheet's sound of one kind, in place of options.content
+        emitters  every emitter's dry sound with its position, in place of options.content
+        format    such as "s16": on the wire, in place of options.format
+        """
+        options = with_choices(options, stem, emitters, format)
         reader = PcmReader(self._connection, self._id, options, simulation=self._is_simulation, reconnect=self._reconnect)
         self._readers.add(reader)
         return reader
@@ -348,13 +375,52 @@ class Session:
         self._readers.add(reader)
         return reader
 
+    def listen_async(self, options: ListenOptions = ListenOptions(), *, stem: tuple[int, SoundKind | str] | None = None,
+                     emitters: bool = False, format: SampleFormat | str | None = None) -> AsyncPcmReader:
+        """listen() for asyncio: subscribes when it is entered by `async with`, or else when it is first read."""
+        options = with_choices(options, stem, emitters, format)
+        reader = AsyncPcmReader(lambda: PcmReader(self._connection, self._id, options, simulation=self._is_simulation,
+                                                  reconnect=self._reconnect))
+        self._readers.add(reader)
+        return reader
+
+    def observe_async(self) -> AsyncObservationReader:
+        """observe() for asyncio: subscribes when it is entered by `async with`, or else when it is first read."""
+        reader = AsyncObservationReader(lambda: ObservationReader(self._connection, self._id, reconnect=self._reconnect))
+        self._readers.add(reader)
+        return reader
+
     def statistics(self) -> Statistics:
         return self._connection.statistics(self._id)
 
-    def set_gains(self, gains: Iterable[Gain]) -> list[Gain]:
-        """Returns all gains in force."""
+    def set_gains(self, gains: Iterable[Gain] = ()) -> list[Gain]:
+        """As Connection's; told again to a daemon that comes back."""
         self._gains = self._connection.set_gains(self._id, gains)
-        return self._gains
+        return list(self._gains)
+
+    def change_pack(self, sheet_id: int, material: str, touched_surface: str = "") -> PackInfo:
+        """As Connection's; told again to a daemon that comes back."""
+        pack = self._connection.change_pack(self._id, sheet_id, material, touched_surface)
+        if sheet_id in self._sheets:
+            now = self._sheets[sheet_id].now
+            now.material, now.touched_surface = material or now.material, touched_surface or now.touched_surface
+        return pack
+
+    def start_recording(self, file_name: str = "") -> str:
+        """Records from now on, in a file of the daemon's recording folder: a plain name, or empty for one that the daemon
+        chooses. Returns the name.
+
+        What sounds already, and the motion so far, is not in it: a session that is to be recorded whole is attached with
+        SessionOptions(record=True). Ends with the session; a daemon that starts anew does not go on with it.
+        """
+        self._recording_file_name = self._connection.start_recording(self._id, file_name)
+        return self._recording_file_name
+
+    def stop_recording(self) -> RecordingInfo:
+        """Returns when the file is closed."""
+        stopped = self._connection.stop_recording(self._id)
+        self._recording_file_name = ""
+        return stopped
 
     def poll_notices(self) -> list[Notice]:
         """What the daemon said about this session's messages since the last call, oldest first; at most 1024 are kept."""
@@ -376,6 +442,10 @@ class Session:
         statistics = self._connection.detach(self._id, discard, self._last_sequence)
         self._close()
         return statistics
+
+    def abandon(self) -> None:
+        """Leaves without a word, as a process that dies: the daemon finds out by itself. Nothing can be called afterwards."""
+        self._close()
 
     # ---- under it
 
@@ -407,10 +477,15 @@ class Session:
             message = audio_pb2.OutMessage.FromString(parts[1])
             if message.HasField("credit"):
                 self._take_credit(message.credit)
+            if message.HasField("stored"):
+                self._recording_file_name = message.stored.file_name
+                self._stored_sequence = message.stored.sequence
             if message.HasField("notice"):
                 notice = messages.read_notice(message.notice)
                 if notice.code in ("idle", "unknown_session"):
                     self._lost = SessionLost(notice.code, notice.message, notice.remedy, notice.field)
+                if notice.code == "storage":
+                    self._recording_file_name = ""
                 self._notices.append(notice)
                 self._untold.append(notice)
 
@@ -468,6 +543,7 @@ class Session:
         messages.write_attach(self._asked, attach)
         attach.options.rate_hz, attach.options.block_size = self._options.rate_hz, self._options.block_size
         del attach.sheets[:]
+        attach.sheets.extend(sheet.now for sheet in self._sheets.values())  # for gains that concern them
         newest_s = self._standing.newest_time_s
         if self._is_simulation and newest_s is not None:
             samples = math.floor((newest_s - self._options.time_origin_s) * self._options.rate_hz)
@@ -483,7 +559,7 @@ class Session:
             if done.value is not None:
                 self._begin_again(done.value)
             elif self._tell_all:
-                self._pending = collections.deque(self._standing.messages())
+                self._tell_again(self._standing.messages())
             self._tell_all = False
         except RustleError as error:
             self._recovery = None
@@ -499,13 +575,26 @@ class Session:
         self._bytes_under_way = 0
         self._lost = None
         self._reattached += 1
-        self._pending = collections.deque([*self._standing.messages(), *unacknowledged])
+        self._tell_again([*self._standing.messages(), *unacknowledged])
         if again.attached.HasField("credit"):
             self._take_credit(again.attached.credit)
+        self._recording_file_name = again.attached.recording_file_name
         for parts in again.streams.early:
             self._take(parts)
         away_s = time.monotonic() - self._recovering_since
         _log.warning("session %s: attached again; the daemon was away for %.1f s", self._id, away_s)
+
+    def _note(self, sheet: sheet_pb2.Sheet) -> None:
+        said = sheet.SerializeToString(deterministic=True)
+        if sheet.sheet_id not in self._sheets or self._sheets[sheet.sheet_id].said != said:
+            self._sheets[sheet.sheet_id] = _KnownSheet(said, sheet_pb2.Sheet.FromString(said))
+
+    def _tell_again(self, told: Iterable[session_pb2.StreamMessage]) -> None:
+        """To be sent before anything else, each sheet as it is now."""
+        self._pending = collections.deque(told)
+        for k, message in enumerate(self._pending):
+            if message.HasField("sheet"):
+                self._pending[k] = session_pb2.StreamMessage(sheet=self._sheets[message.sheet.sheet_id].now)
 
     def _put_off(self, message: session_pb2.StreamMessage) -> None:
         """Keeps for a daemon that is away."""
@@ -546,6 +635,8 @@ class Session:
             raise Closed("closed", "The session was detached.", "Attach a new one.")
         self._take_answers()
         self._look()
+        if message.HasField("sheet"):
+            self._note(message.sheet)
         if not self._is_simulation:
             body = message.WhichOneof("body")
             if may_drop and body in _DROPPABLE:

@@ -14,6 +14,7 @@ from zmq.utils.monitor import recv_monitor_message
 
 from . import messages
 from .errors import Closed, InvalidArgument, TimedOut, Unreachable
+from .keys import Keys
 from .types import Endpoints, ServerInfo
 from .v1 import session_pb2
 
@@ -42,7 +43,8 @@ def nonce() -> str:
 class Sockets:
     """The sockets that came of one connection, in a context of their own that ends with the last of them. Any thread."""
 
-    def __init__(self) -> None:
+    def __init__(self, keys: Keys | None = None) -> None:
+        self._keys = keys
         self._lock = threading.RLock()  # a collected reader closes wherever the collector runs
         self._context = zmq.Context()
         self._context.set(zmq.MAX_SOCKETS, _MAX_SOCKETS)
@@ -66,9 +68,14 @@ class Sockets:
             self._open.add(socket)
         try:
             _set_options(socket, kind, endpoint, send_queue, receive_queue)
+            if self._keys is not None:
+                _set_keys(socket, self._keys)
             if monitor is not None:
                 monitor.watch(socket)
             socket.connect(endpoint)
+        except InvalidArgument:
+            self.close(socket, 0)
+            raise
         except (zmq.ZMQError, TypeError) as error:
             if monitor is not None:
                 monitor.close()
@@ -97,9 +104,11 @@ class Sockets:
 def _set_options(socket: zmq.Socket[bytes], kind: int, endpoint: str, send_queue: int, receive_queue: int) -> None:
     """Every option whose default would bite, on purpose."""
     options = {zmq.LINGER: LINGER_MS, zmq.MAXMSGSIZE: MESSAGE_BYTES, zmq.SNDHWM: send_queue, zmq.RCVHWM: receive_queue,
-               zmq.HANDSHAKE_IVL: _HANDSHAKE_MS, zmq.HEARTBEAT_IVL: _HEARTBEAT_MS, zmq.HEARTBEAT_TIMEOUT: _HEARTBEAT_TIMEOUT_MS,
-               zmq.HEARTBEAT_TTL: _HEARTBEAT_TIMEOUT_MS, zmq.RECONNECT_IVL: _RECONNECT_MS,
-               zmq.RECONNECT_IVL_MAX: _RECONNECT_MAX_MS, zmq.IPV6: int("[" in endpoint)}
+               zmq.HANDSHAKE_IVL: _HANDSHAKE_MS, zmq.RECONNECT_IVL: _RECONNECT_MS, zmq.RECONNECT_IVL_MAX: _RECONNECT_MAX_MS,
+               zmq.IPV6: int("[" in endpoint)}
+    if kind != zmq.SUB:  # a listener whose queue is full reads no heartbeats, which would end its connection
+        options |= {zmq.HEARTBEAT_IVL: _HEARTBEAT_MS, zmq.HEARTBEAT_TIMEOUT: _HEARTBEAT_TIMEOUT_MS,
+                    zmq.HEARTBEAT_TTL: _HEARTBEAT_TIMEOUT_MS}
     if kind == zmq.DEALER:
         # A request waits for the connection instead of reaching a daemon that starts long after its asker gave up.
         options[zmq.IMMEDIATE] = 1
@@ -108,6 +117,22 @@ def _set_options(socket: zmq.Socket[bytes], kind: int, endpoint: str, send_queue
         options[zmq.XPUB_NODROP] = 1
     for option, value in options.items():
         socket.setsockopt(option, value)
+
+
+def _set_keys(socket: zmq.Socket[bytes], keys: Keys) -> None:
+    try:
+        socket.curve_serverkey = keys.server_key.encode()
+        socket.curve_publickey = keys.public_key.encode()
+        socket.curve_secretkey = keys.secret_key.encode()
+    except (zmq.ZMQError, ValueError) as error:
+        raise InvalidArgument("keys", f"They are no CURVE keys: {error}.", "Read them with Keys.read().") from None
+
+
+def reachable(bound: str, control: str) -> str:
+    """An endpoint as the daemon bound it, seen from here: of one that is bound to all addresses, at the host of `control`."""
+    if bound.startswith(("tcp://0.0.0.0:", "tcp://[::]:")) and control.startswith("tcp://"):
+        return control.rpartition(":")[0] + ":" + bound.rpartition(":")[2]
+    return bound
 
 
 def receive(socket: zmq.Socket[bytes]) -> list[bytes]:
@@ -145,11 +170,13 @@ class ConnectionMonitor:
         self._watched: zmq.Socket[bytes] | None = None
         self._events: zmq.Socket[bytes] | None = None
         self._state = ConnectionState(0, False, time.monotonic())
+        self.key_refused = False  #: the daemon admits no such key, as far as the newest attempt says
 
     def watch(self, socket: zmq.Socket[bytes]) -> None:
         """Once, before the socket connects."""
         self._watched = socket
-        self._events = socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
+        self._events = socket.get_monitor_socket(
+            zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
         self._events.setsockopt(zmq.LINGER, 0)
 
     def look(self) -> ConnectionState:
@@ -160,6 +187,8 @@ class ConnectionMonitor:
                 except zmq.Again:
                     break
                 connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
+                if connected or event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                    self.key_refused = not connected
                 if connected != self._state.connected and event in (zmq.EVENT_HANDSHAKE_SUCCEEDED, zmq.EVENT_DISCONNECTED):
                     self._state = ConnectionState(self._state.breaks + (not connected), connected, time.monotonic())
             return self._state
@@ -176,10 +205,10 @@ class ConnectionMonitor:
 class Link:
     """A control connection. Any thread; requests take turns."""
 
-    def __init__(self, endpoints: Endpoints, timeout_s: float) -> None:
+    def __init__(self, endpoints: Endpoints, timeout_s: float, keys: Keys | None = None) -> None:
         self.endpoints = endpoints
         self.timeout_s = timeout_s
-        self.sockets = Sockets()
+        self.sockets = Sockets(keys)
         self.closed = False
         self._monitor = ConnectionMonitor()
         self._lock = threading.RLock()
@@ -190,11 +219,11 @@ class Link:
     @property
     def stream_endpoint(self) -> str:
         """The caller's choice, or the daemon's."""
-        return self.endpoints.stream or self.server.stream_endpoint
+        return self.endpoints.stream or reachable(self.server.stream_endpoint, self.endpoints.control)
 
     @property
     def out_endpoint(self) -> str:
-        return self.endpoints.out or self.server.out_endpoint
+        return self.endpoints.out or reachable(self.server.out_endpoint, self.endpoints.control)
 
     def connection(self) -> ConnectionState:
         return self._monitor.look()
@@ -223,6 +252,10 @@ class Link:
                                       f"The connection to {self.endpoints.control} broke before the answer came.",
                                       "Ask again; if rustled has ended, start it again and attach anew.")
                 if time.monotonic() >= deadline:
+                    self.connection()
+                    if self._monitor.key_refused:
+                        raise Unreachable("unreachable", f"The daemon at {self.endpoints.control} does not admit this key.",
+                                          "Have its operator take it in: rustle keys allow NAME.key, then reload rustled.", "keys")
                     raise Unreachable("unreachable", f"No answer from {self.endpoints.control} within {self.timeout_s:g} s.",
                                       "Start rustled, or give the control endpoint it prints when it starts.")
                 if not self._control.poll(milliseconds_until(deadline), zmq.POLLIN if sent else zmq.POLLOUT):
@@ -282,7 +315,7 @@ class Subscription:
     def __init__(self, link: Link, topic: str, queue: int) -> None:
         """Returns when the daemon has the subscription: what is published from then on is not missed.
 
-        `queue` messages wait here; 0: no limit. Errors: TimedOut, Unreachable.
+        `queue` messages wait here; 0: no limit. Errors: TimedOut, Unreachable, Refused ("permission_denied").
         """
         self._link = link
         self._endpoint = link.out_endpoint
@@ -300,6 +333,9 @@ class Subscription:
             if self._socket.poll(milliseconds_until(deadline)):
                 parts = receive(self._socket)
                 if parts and parts[0] == marker:
+                    if len(parts) > 1 and parts[1]:
+                        self.close()
+                        raise messages.read_error(session_pb2.Error.FromString(parts[1]))
                     break
                 self._early.append(parts)
             elif time.monotonic() >= deadline:
@@ -329,6 +365,17 @@ class Subscription:
                 return None
             with self._lock:
                 self._socket.poll(milliseconds_until(deadline))
+
+    def descriptor(self) -> int:
+        """Becomes readable when something may have come since has_come() was asked; Closed, where it was closed."""
+        if self._socket.closed:
+            raise Closed("closed", "The reader was closed.", "Listen again.")
+        return int(self._socket.getsockopt(zmq.FD))
+
+    def has_come(self) -> bool:
+        """Whether next() has something at once. The thread of next()."""
+        with self._lock:
+            return bool(self._early or self._socket.closed or self._socket.poll(0))
 
     def _follow(self) -> None:
         """To where a daemon that came back publishes."""

@@ -54,6 +54,7 @@ class SoundKind(enum.Enum):
 class SampleFormat(enum.Enum):
     F32 = "f32"
     S16 = "s16"
+    OPUS = "opus"  #: 64 kbit/s a channel in packets of 20 ms; decoded by the system's libopus
 
 
 class NoticeLevel(enum.Enum):
@@ -101,9 +102,10 @@ class SessionOptions:
     block_size: int = 0  #: 0: the daemon's
     channels: Channels = Channels.STEREO
     default_material: str = ""  #: empty: "printer-paper"
-    record: bool = False
+    record: bool = False  #: the daemon records the session from its first sample on
     hrtf: str = ""  #: binaural: "structural", "kemar" or one the daemon offers; empty: the daemon's
     friction_fft_size: int = 0  #: a power of two, 128 to 8192; 0: the daemon's
+    most_voices: int = 0  #: at a time, 1 to 512; 0: 512, or what the key may have
     sheets: Sequence[SheetOptions] = ()  #: more may follow by add_sheet()
 
 
@@ -198,7 +200,9 @@ class Obstacle:
 
 @dataclasses.dataclass(frozen=True)
 class Gain:
-    gain_db: float = 0.0
+    """A sound's level is the product of all gains that concern it."""
+
+    gain_db: float = 0.0  #: -200 to 24, or -math.inf: silence
     sheet_id: int | None = None  #: None: every sheet
     kind: SoundKind | None = None  #: None: every kind
     material: str = ""  #: empty: every material
@@ -227,12 +231,22 @@ class PackInfo:
 
 
 @dataclasses.dataclass(frozen=True)
+class RecordingInfo:
+    """A file in the daemon's recording folder."""
+
+    file_name: str
+    messages: int
+    bytes: int
+
+
+@dataclasses.dataclass(frozen=True)
 class SessionInfo:
     session_id: str
     name: str
     clock: Clock
     sheets: int
     newest_time_s: float
+    recording: RecordingInfo | None = None  #: of a session that is recorded: so far
 
 
 @dataclasses.dataclass(frozen=True)
@@ -263,10 +277,15 @@ class Statistics:
     samples_limited: int = 0
     samples_not_finite: int = 0
     voices_merged: int = 0
+    emitter_samples_left_out: int = 0
     frames_late: int = 0
     time_jumps: int = 0
     input_gaps: int = 0
     samples_in_input_gaps: int = 0
+    pcm_gaps: int = 0
+    deadline_misses: int = 0
+    late_by_run_delay: int = 0
+    events_joined: int = 0
     crumpling_events: int = 0
     friction_episodes: int = 0
     tear_events: int = 0
@@ -278,10 +297,35 @@ class Statistics:
 
 
 @dataclasses.dataclass(frozen=True)
-class RecordingInfo:
-    file_name: str
-    messages: int
-    bytes: int
+class ThreadStatistics:
+    name: str
+    count: int
+    cpu_s: float
+    waited_s: float  #: ready to run while others had the processors
+
+
+@dataclasses.dataclass(frozen=True)
+class PlaybackStatistics:
+    device: str  #: empty: none answers
+    rate_hz: int
+    samples_played: int
+    samples_missed: int
+    devices_opened: int
+    devices_lost: int
+    samples_in_gaps: int
+    samples_left_out: int
+    splices: int
+
+
+@dataclasses.dataclass(frozen=True)
+class ServerStatistics:
+    """Figures of the daemon, as proto/rustle/v1/session.proto says of each."""
+
+    uptime_s: float
+    cpu_s: float
+    sessions: int
+    threads: tuple[ThreadStatistics, ...]
+    playback: PlaybackStatistics | None  #: None: it plays nothing
 
 
 @dataclasses.dataclass(frozen=True)
