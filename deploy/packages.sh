@@ -1,19 +1,23 @@
 # The Debian 12 packages Rustle needs; sourced by quickstart.sh and tests/run.sh.
-# rustle_install_packages build|test|bench: installs what is missing, with sudo where the caller is not root.
+# rustle_install_packages build|test|bench|fuzz|blender: installs what is missing, with sudo where the caller is not root.
 
 rustle_build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
   libzmq3-dev cppzmq-dev libprotobuf-dev protobuf-compiler libeigen3-dev libfftw3-dev libsamplerate0-dev libsndfile1-dev libmysofa-dev
   libspdlog-dev libfmt-dev libcli11-dev libexpected-dev nlohmann-json3-dev libtomlplusplus-dev librtaudio-dev libjack-jackd2-dev
-  libcairo2-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
+  libboost-dev prometheus-cpp-dev libcairo2-dev libopus-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
 )
-rustle_test_packages=(catch2 clang-format nodejs npm python3 python3-numpy python3-zmq python3-protobuf pulseaudio pulseaudio-utils jackd2)
+rustle_test_packages=(catch2 clang-format libclang-rt-19-dev nodejs npm python3 python3-numpy python3-zmq python3-protobuf python3-pip python3-setuptools python3-wheel pulseaudio pulseaudio-utils jackd2)
+rustle_fuzz_packages=(clang-19 libclang-rt-19-dev catch2)
 rustle_bench_packages=(supercollider-server)  # what the benchmarks compare with
+rustle_blender_packages=(blender protobuf-compiler python3 python3-numpy python3-zmq python3-protobuf)  # for tests/blender/run.sh
 
 rustle_install_packages() {
   local wanted=("${rustle_build_packages[@]}") missing=() name as_root=()
   [ "$1" = test ] && wanted+=("${rustle_test_packages[@]}")
+  [ "$1" = fuzz ] && wanted+=("${rustle_fuzz_packages[@]}")
   [ "$1" = bench ] && wanted+=("${rustle_bench_packages[@]}")
+  [ "$1" = blender ] && wanted=("${rustle_blender_packages[@]}")
   for name in "${wanted[@]}"; do
     # A newer Node.js from elsewhere serves as well as Debian's.
     case $name in nodejs) command -v node >/dev/null && continue ;; npm) command -v npm >/dev/null && continue ;; esac
