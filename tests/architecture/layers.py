@@ -3,7 +3,8 @@
 
 LAYERS_FILE has a line per module, in the order of the layers: `name folder depends...`. A file of a folder may include
 from its own folder and from the folders it names; a folder may name only folders above it; generated messages and
-ZeroMQ belong to the modules that speak the wire.
+ZeroMQ belong to the modules that speak the wire. A .cpp includes the header of its name before all others, which
+shows that the header needs nothing before it.
 """
 import pathlib
 import re
@@ -34,8 +35,12 @@ def faults(layers, root):
         for file in sorted((root / folder).iterdir()):
             if file.suffix not in (".h", ".cpp"):
                 continue
-            for include in INCLUDE.findall(file.read_text()):
-                where = file.relative_to(root)
+            where = file.relative_to(root)
+            includes = INCLUDE.findall(file.read_text())
+            header = file.with_suffix(".h")
+            if file.suffix == ".cpp" and header.exists() and includes[:1] != [str(header.relative_to(root))]:
+                yield f"{where}: includes {header.relative_to(root)} not before all others"
+            for include in includes:
                 if WIRE_HEADERS.search(include) and folder.startswith(("server", "client_sdk", "sound_db")) and name not in WIRE_MODULES:
                     yield f"{where}: includes {include}; only {sorted(WIRE_MODULES)} speak the wire"
                 target = folders.get(str(pathlib.PurePosixPath(include).parent))

@@ -165,8 +165,9 @@ class Stages {
     });
     std::vector<observation::FrictionContact> friction;
     timings["contacts"].run([&] {
-      friction =
-          contacts_.update(frame, last_ ? &*last_ : nullptr, surroundings, parameters_.contact_radius_m, next_event_id_);
+      friction = contacts_.update(
+          {frame, last_ ? &*last_ : nullptr, surroundings, parameters_.contact_radius_m, near_m, relative_m_},
+          next_event_id_);
     });
     timings["regions"].run([&] {
       positions_m_ = regions_.positions_m(relative_m_, gathered_m_);

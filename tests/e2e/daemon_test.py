@@ -8,7 +8,23 @@ import numpy as np
 import zmq
 
 from publisher_test import AUDIO, SESSION
-from support import BIN, STORED_CAPTURE, RustleTest, bent, daemon, grid, main, read_wav, rustle
+from support import BIN, STORED_CAPTURE, RustleTest, bent, daemon, grid, main, read_wav, rustle, wait_until
+
+
+def session_count(ends):
+    """How many sessions the daemon has, in the bare protocol."""
+    context = zmq.Context()
+    control = context.socket(zmq.DEALER)
+    try:
+        control.linger = 0
+        control.connect(ends["control"])
+        request = SESSION.ControlRequest(request_id=1)
+        request.list_sessions.SetInParent()
+        control.send(request.SerializeToString())
+        assert control.poll(5000), "the daemon answers"
+        return len(SESSION.ControlReply.FromString(control.recv()).session_list.sessions)
+    finally:
+        context.destroy()
 
 
 class Client:
@@ -145,7 +161,7 @@ class Replay(RustleTest):
             replay = subprocess.Popen([BIN / "rustle", "replay", STORED_CAPTURE, "--loop", "0", "--control", ends["control"]],
                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             try:
-                time.sleep(0.7)
+                wait_until(lambda: session_count(ends) == 1, 20, "the replay did not attach")
                 rustle("listen", "--control", ends["control"], "-o", wav, "--seconds", 3)
             finally:
                 replay.terminate()
@@ -163,7 +179,7 @@ class Replay(RustleTest):
                 replay = subprocess.Popen([BIN / "rustle", "replay", STORED_CAPTURE, "--loop", "0", "--clock", clock, "--wav", wav,
                                            "--control", ends["control"]], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
                 try:
-                    time.sleep(0.7)
+                    wait_until(lambda: session_count(ends) == 1, 20, "the replay did not attach")
                     self.assertIsNone(replay.poll())
                     ends["process"].kill()
                     complaint = replay.communicate(timeout=8)[1]  # 2 s, and what a busy machine takes
@@ -188,6 +204,7 @@ class Replay(RustleTest):
         self.assertEqual((replayed["samples_due"], replayed["samples_sent"], replayed["samples_in_gaps"]), (samples, samples, 0))
         self.assertEqual(offline["samples"], samples)
         for name in ("messages_received", "rendered_time_s", "playout_delay_s", "clock_drift_ppm", "load_level", "voices",
+                     "emitter_samples_left_out",
                      "frames_late", "time_jumps", "input_gaps", "samples_in_input_gaps"):
             self.assertIn(name, replayed)
 

@@ -169,6 +169,123 @@ class KnownRecordings(RustleTest):
         self.assertGreater(np.abs(samples[int(0.5 * rate):int(0.6 * rate)]).max(), 0.01)
 
 
+CLOTH = """
+[pack]
+material = "felt"
+touched_surface = "felt"
+licence = "CC0-1.0"
+origin = "made by a test"
+[cloth]
+[[recording]]
+files = "motion.wav"
+class = "cloth"
+[[recording]]
+files = "roller.wav"
+class = "slide"
+speed_track = "roller.csv"
+[[recording]]
+files = "shearing.wav"
+class = "crumple"
+"""
+
+
+class Cloth(RustleTest):
+    def built(self):
+        random = np.random.default_rng(5)
+        folder = self.folder / "recordings"
+        swell = np.repeat(random.uniform(0.02, 1, 60), RATE // 4)
+        write_wav(folder / "motion.wav", coloured(15, random, 0.1)[0] * swell)
+        speed = 0.06 * 30 ** (np.arange(10 * RATE) / 10 / RATE)
+        write_wav(folder / "roller.wav", coloured(10, random, 0.05)[0] * speed)
+        (folder / "roller.csv").write_text("\n".join(f"{t},{0.06 * 30 ** (t / 10)}" for t in np.arange(0, 10.1, 0.1)))
+        times = np.arange(0.2, 9.8, 0.3)
+        write_wav(folder / "shearing.wav", bursts(10, times, 0.5 * random.uniform(0.02, 1, len(times)) ** 2, 0.02, random))
+        (folder / "recordings.toml").write_text(CLOTH)
+        report = json.loads(rustle("pack", "build", folder, "-o", self.folder / "felt", "--json").stdout)
+        return self.folder / "felt", report
+
+    def test_built_checked_shown_and_played(self):
+        pack, report = self.built()
+        self.assertGreater(report["units"], 15)
+        self.assertGreaterEqual(report["spectra"], 12)
+        self.assertFalse([f for f in report["findings"] if f["severity"] == "error"], report["findings"])
+        manifest = json.loads((pack / "pack.json").read_text())["cloth"]
+        rows = np.load(pack / manifest["features"]["causal"])
+        self.assertEqual(rows.shape[1], 3)
+        self.assertAlmostEqual(len(rows) / 240, 15, delta=0.5)
+        # Friction as loud as its speed, and the sweep's rows as the manifest says.
+        sweep = np.load(pack / manifest["friction"]["file"]).astype(float)
+        level_db = 10 * np.log10((sweep ** 2).mean(1)) - 20 * np.log10(manifest["friction"]["speeds_m_per_s"])
+        self.assertLess(np.ptp(level_db), 3)
+        for name in ("felt.png", "felt.html"):
+            rustle("pack", "show", pack, "-o", self.folder / name)
+        self.assertEqual((self.folder / "felt.png").read_bytes()[:4], b"\x89PNG")
+        self.assertNotRegex((self.folder / "felt.html").read_text(), r"(src|href)=\"http|<script")
+        wav = self.folder / "tour.wav"
+        tour = json.loads(rustle("pack", "play", pack, "-o", wav, "--json").stdout)
+        self.assertEqual({s["class"] for s in tour["sounds"]}, {"friction", "crumpling", "corpus"})
+        rate, samples = read_wav(wav)
+        slides = [s for s in tour["sounds"] if s["class"] == "friction"]
+        for slide in slides:
+            part = samples[int((slide["from_s"] + 0.3) * rate):int((slide["to_s"] - 0.3) * rate)]
+            self.assertAlmostEqual(rms_dbfs(part), 20 * np.log10(0.05 * slide["speed_m_per_s"]), delta=2)
+        self.assertIn("pack of cloth", rustle("pack", "play", pack, "--class", "flap", "-o", wav, status=2).stderr)
+
+    def test_calibrated_by_proposals_then_by_hand(self):
+        pack, _ = self.built()
+        others = {p: p.read_bytes() for p in pack.rglob("*") if p.suffix == ".flac" or "friction" in p.name}
+        pairs, picture = self.folder / "pairs.csv", self.folder / "warp.png"
+        proposed = json.loads(rustle("pack", "calibrate", pack, "--write-correspondences", pairs, "--picture", picture, "--json").stdout)
+        self.assertTrue(proposed["proposed"])
+        self.assertEqual(len(proposed["correspondences"]), 14)
+        before = sum(c["distance_before"] for c in proposed["correspondences"])
+        self.assertLess(sum(c["distance_after"] for c in proposed["correspondences"]), before)
+        self.assertEqual(picture.read_bytes()[:4], b"\x89PNG")
+        self.assertEqual(len(pairs.read_text().splitlines()), 15)
+        events = self.folder / "events.jsonl"
+        events.write_text("".join(json.dumps({"kind": "crumpling", "amplitude": 0.01 * k, "amplitude_unit": "m"}) + "\n" for k in range(1, 101)))
+        target = self.folder / "target.wav"
+        write_wav(target, coloured(5, np.random.default_rng(8), 0.02)[0])
+        pairs.write_text("target_s,database_s,length_s\n0.5,1.0,0.1\n2.5,7.0,0.1\n99,0,0.1\n")
+        given = json.loads(rustle("pack", "calibrate", pack, "--target", target, "--correspondences", pairs, "--lambda", 0,
+                                  "--events", events, "--quantile", 0.3, "--json").stdout)
+        self.assertEqual([c["units"] for c in given["correspondences"]], [24, 24, 0])
+        self.assertLess(max(c["distance_after"] for c in given["correspondences"]), 1e-4)
+        self.assertAlmostEqual(given["events"]["least_m"], 0.30, delta=0.011)
+        manifest = json.loads((pack / "pack.json").read_text())["cloth"]
+        self.assertEqual(manifest["warp"]["lambda"], 0)
+        self.assertEqual(len(np.load(pack / manifest["warp"]["causal"]["file"])), 48)
+        for path, data in others.items():
+            self.assertEqual(path.read_bytes(), data, path)
+
+    def test_a_replaced_recording_is_found_and_measured_anew(self):
+        pack, _ = self.built()
+        manifest = json.loads((pack / "pack.json").read_text())["cloth"]
+        name = manifest["recordings"][0]["file"]
+        other = pack / name.replace(".flac", ".wav")
+        write_wav(other, coloured(12, np.random.default_rng(9), 0.05)[0])
+        (pack / name).unlink()
+        text = (pack / "pack.json").read_text()
+        (pack / "pack.json").write_text(text.replace(name, name.replace(".flac", ".wav")))
+        said = rustle("pack", "check", pack, status=1).stdout
+        self.assertIn("rustle pack calibrate", said)
+        self.assertIn("units of 3 features", said)
+        rustle("pack", "calibrate", pack)
+        self.assertNotIn("error", rustle("pack", "check", pack).stdout)
+
+    def test_calibration_that_cannot_be_done_names_the_remedy(self):
+        pack, _ = self.built()
+        pairs = self.folder / "pairs.csv"
+        pairs.write_text("0.1, soon\n")
+        for arguments, words in ((["--correspondences", pairs], "line 1"), (["--correspondences", self.folder / "none.csv"], "cannot be read"),
+                                 (["--target", pairs], "render the target as WAV"), (["--events", pairs], "is not an event")):
+            with self.subTest(arguments=arguments):
+                self.assertIn(words, rustle("pack", "calibrate", pack, *arguments, status=1).stderr)
+        pairs.write_text("99, 99, 0.1\n")
+        self.assertIn("beyond the end", rustle("pack", "calibrate", pack, "--correspondences", pairs, status=1).stderr)
+        self.assertIn("pack of paper", rustle("pack", "calibrate", BUILD / "share/rustle/packs/banknote", status=1).stderr)
+
+
 class Refusals(RustleTest):
     def test_example_manifest_is_where_to_start(self):
         printed = rustle("pack", "build", "--print-manifest").stdout

@@ -14,7 +14,7 @@ import unittest
 
 import numpy as np
 
-from support import BIN, STORED_CAPTURE, RustleTest, daemon, main, read_wav, rustle
+from support import BIN, STORED_CAPTURE, RustleTest, daemon, main, read_wav, rustle, wait_until
 
 RATE = 48000
 NULL_SINK = "module-null-sink sink_name=ci rate=48000 format=float32le channels=2 norewinds=1"
@@ -91,7 +91,8 @@ def live_sound(ends):
     replay = subprocess.Popen([BIN / "rustle", "replay", STORED_CAPTURE, "--clock", "live", "--loop", "0", "--control", ends["control"]],
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        time.sleep(1)
+        heard = [BIN / "rustle", "listen", "--control", ends["control"], "--seconds", "0.05"]
+        wait_until(lambda: subprocess.run(heard, capture_output=True, timeout=20).returncode == 0, 20, "the replay is not heard")
         yield
     finally:
         replay.terminate()
@@ -188,7 +189,7 @@ class Jack(RustleTest):
             server = subprocess.Popen(["jackd", "-n", os.environ["JACK_DEFAULT_SERVER"], "--no-realtime", "-d", "dummy", "-r", str(RATE),
                                        "-p", "256"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             self.addCleanup(server.wait)
-            self.addCleanup(server.kill)
+            self.addCleanup(server.terminate)  # killed ones stay in JACK's registry, which has room for eight
             heard, recorded = self.folder / "heard.wav", self.folder / "recorded.wav"
             with daemon(self.folder, "--audio-api", "jack", "--device-buffer-ms", 150) as ends:
                 Log(ends["process"]).wait_for("playing on", 10)

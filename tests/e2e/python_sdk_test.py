@@ -3,6 +3,7 @@
 import dataclasses
 import gc
 import logging
+import math
 import os
 import signal
 import subprocess
@@ -138,7 +139,7 @@ class Same(RustleTest):
     def test_options_come_back_as_they_were_sent(self):
         asked = options(LIVE, time_origin_s=1.5, metres_per_unit=0.01, up_axis=rustle.UpAxis.Y, seed=2**63, mode=rustle.SynthesisMode.PUBLISHED,
                         playout_delay_s=0.1, rate_hz=44100, block_size=64, channels=rustle.Channels.BINAURAL, default_material="cloth",
-                        record=True, hrtf="kemar", friction_fft_size=512)
+                        record=True, hrtf="kemar", friction_fft_size=512, most_voices=64)
         sent = session_pb2.SessionOptions()
         messages.write_options(asked, sent)
         self.assertEqual({field.name for field, _ in sent.ListFields()} | {"cloth_features"}, set(sent.DESCRIPTOR.fields_by_name))
@@ -474,7 +475,7 @@ class Readers(RustleTest):
             with rustle.PcmReader.listen(connection, "s", listening) as reader, rustle.PcmReader.listen(connection, "s", listening) as again:
                 for first, missing in ((100, 0), (110, 0), (140, 20), (165, 0)):  # the last gap: lost on the way, told by nobody
                     fake.publish(topic, pcm=self.pcm(first, 10, missing=missing))
-                fake.publish(topic, pcm=self.pcm(175, 10, format=audio_pb2.SAMPLE_FORMAT_OPUS))
+                fake.publish(topic, pcm=self.pcm(175, 10, format=99))  # of a later version
                 fake.publish(topic, end=audio_pb2.EndOfStream(samples=180))
                 blocks = list(reader)
                 self.assertEqual([(b.first_sample, b.missing_samples, b.restarted) for b in blocks],
@@ -491,6 +492,18 @@ class Readers(RustleTest):
             silent[gap.first:gap.first + gap.samples] = True
         self.assertTrue((sound.samples[silent] == 0).all())
         np.testing.assert_array_equal(sound.samples[~silent, 0], 100.25 + np.flatnonzero(~silent))
+
+    def test_each_emitter_has_its_gaps(self):
+        fake, topic = self.fake(), "s/pcm/emitter/f32/4"
+        with rustle.Connection.connect(fake.ends["control"]) as connection, rustle.PcmReader.listen(connection, "s", emitters=True) as reader:
+            for sequence, emitter, first, last in ((4, 1, 100, 0), (5, 2, 100, 0), (8, 1, 130, 0), (9, 2, 110, 1), (10, 2, 500, 0)):
+                pcm = self.pcm(first, 10)
+                pcm.emitter.emitter_id, pcm.emitter.last = emitter, bool(last)
+                fake.publish(topic, sequence=sequence, pcm=pcm)
+            self.assertEqual([reader.next(5).missing_samples for _ in range(5)], [0, 0, 20, 0, 0])
+            self.assertEqual((reader.missing_samples, reader.missing_messages), (20, 2))
+            with self.assertRaises(rustle.InvalidArgument):
+                reader.read_all()
 
     def test_sixteen_bits_and_a_stream_that_does_not_end(self):
         fake = self.fake()
@@ -512,7 +525,7 @@ class Restarts(RustleTest):
         ends = {name: f"ipc://{self.folder}/{name}" for name in ("control", "stream", "out")}
         self.control = ends["control"]
         self.process = subprocess.Popen([BIN / "rustled", *(part for name, end in ends.items() for part in (f"--{name}", end)),
-                                         "--log-level", "off"])
+                                         "--http", "off", "--log-level", "off"])
         self.addCleanup(self.process.wait)
         self.addCleanup(self.process.kill)
         rustle.Connection.connect(self.control, 20).close()
@@ -584,6 +597,8 @@ class Restarts(RustleTest):
         with rustle.Connection.connect(self.control) as connection, rustle.Session.attach(connection, options(LIVE)) as session:
             session.add_topology(1, motion.triangles, material_coordinates=motion.material)
             session.frame(1, 1, 0.0, motion.at(0))
+            gains = session.set_gains([rustle.Gain(-6, sheet_id=1, kind=rustle.SoundKind.FRICTION), rustle.Gain(-math.inf, material="banknote")])
+            session.change_pack(1, "banknote")
             self.kill()
             deadline = time.monotonic() + 10
             while session.connected:
@@ -599,6 +614,9 @@ class Restarts(RustleTest):
                 time.sleep(0.005)
             for _ in range(3):
                 session.frame(2, 2, time.monotonic(), motion.at(0))
+            self.assertEqual(session.set_gains(), gains)
+            self.assertEqual(session.change_pack(1, "", "wooden-table").material, "banknote")
+            self.assertEqual(session.change_pack(2, "", "wooden-table").material, "printer-paper")
             self.assertEqual(session.end(), rustle.Sent.QUEUED)
             statistics = session.detach()
             self.assertGreaterEqual(statistics.frames_analysed, 3)

@@ -4,9 +4,8 @@ import os
 import socket
 import subprocess
 import sys
-import time
 
-from support import BIN, BUILD, SOURCE, RustleTest, main
+from support import BIN, BUILD, SOURCE, RustleTest, main, wait_until
 
 sys.path.insert(0, str(SOURCE / "tests/support"))
 from readme_example import example
@@ -17,14 +16,6 @@ PORTS = (7390, 7391, 7392)
 def taken(port):
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-def wait_until(condition, seconds, complaint):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            raise AssertionError(complaint)
-        time.sleep(0.05)
 
 
 class TenLines(RustleTest):

@@ -123,16 +123,20 @@ class RustleTest(unittest.TestCase):
 
 
 @contextlib.contextmanager
-def daemon(folder, *options):
-    """A running rustled on ipc endpoints below `folder`; yields its endpoints."""
+def daemon(folder, *options, log=None):
+    """A running rustled on ipc endpoints below `folder`, without HTTP unless asked; yields its endpoints. `log`: a file for
+    what it says."""
     ends = {name: f"ipc://{folder}/{name}" for name in ("control", "stream", "out")}
     arguments = [BIN / "rustled", "--control", ends["control"], "--stream", ends["stream"], "--out", ends["out"], *map(str, options)]
-    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if "--http" not in options:
+        arguments += ["--http", "off"]
+    said = open(log, "w+") if log else subprocess.PIPE
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=said, text=True)
     try:
         deadline = time.monotonic() + 10
         while not all(pathlib.Path(end[6:]).exists() for end in ends.values()):
             if process.poll() is not None or time.monotonic() > deadline:
-                raise AssertionError("rustled did not start: " + (process.stderr.read() if process.poll() is not None else "timeout"))
+                raise AssertionError("rustled did not start: " + (process.stderr.read() if process.poll() is not None and not log else f"see {log}"))
             time.sleep(0.02)
         ends["process"] = process
         yield ends
@@ -144,7 +148,15 @@ def daemon(folder, *options):
             process.kill()
             raise AssertionError("rustled did not end within 10 s of SIGTERM")
         finally:
-            process.stderr.close()
+            (said if log else process.stderr).close()
+
+
+def wait_until(condition, seconds, complaint):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            raise AssertionError(complaint)
+        time.sleep(0.05)
 
 
 def main():

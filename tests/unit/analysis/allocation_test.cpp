@@ -51,9 +51,13 @@ TEST_CASE("A warm tracker allocates what it returns and nothing else", "[contact
       around.touched_surface = around.material = "wood";
       NeighbourSheet neighbour{2, &below[k], n > 0 ? &below[last] : nullptr, "wood"};
       if (scene.other) around.others = {&neighbour, 1};
+      std::vector<sheet::Vec4f> relative_m;
+      const Vec3f& origin_m = frames[k].positions_m.front();
+      sheet::relative_positions_m(frames[k].positions_m, origin_m, relative_m);
+      const analysis::ContactInputs inputs{frames[k], n > 0 ? &frames[last] : nullptr, around, kRadius_m, origin_m,
+                                           relative_m};
       std::vector<observation::FrictionContact> contacts;
-      const int allocations = rustle::test_support::allocations_of(
-          [&] { contacts = tracker.update(frames[k], n > 0 ? &frames[last] : nullptr, around, kRadius_m, next_id); });
+      const int allocations = rustle::test_support::allocations_of([&] { contacts = tracker.update(inputs, next_id); });
       CHECK(contacts.empty() != scene.touches);
       // The list, and the vertices of each.
       if (warm) CHECK(allocations == (contacts.empty() ? 0 : static_cast<int>(1 + contacts.size())));

@@ -16,7 +16,7 @@ using namespace contact_tests;
 TEST_CASE("A flat sheet is surely unfolded, one that overlaps itself is not", "[contacts]") {
   const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, 0.6, 0.05, 600);
   const auto topology = topology_of(mesh);
-  analysis::ContactGeometry geometry;
+  OwnGeometry geometry;
   const MeshFrame flat = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(v, u, 0); });
   geometry.update(flat);
   CHECK(analysis::UnfoldedProof().holds(geometry));
@@ -40,7 +40,7 @@ TEST_CASE("A kept proof says what a new one would, however the sheet moves", "[c
   const auto mesh = sheets::make_rectangle(sheets::MeshKind::kDelaunay, kWidth_m, kHeight_m, 446);
   const auto topology = topology_of(mesh);
   const MeshFrame flat = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(u, v, 0); });
-  analysis::ContactGeometry geometry;
+  OwnGeometry geometry;
   const auto holds_after = [&](const MeshFrame& moved) {
     analysis::UnfoldedProof kept;
     geometry.update(flat);
@@ -133,7 +133,7 @@ TEST_CASE("Contact with a plane agrees with fine sampling of every triangle", "[
     table.update(*scene.find(5), 0, 0);
     analysis::ObstacleContact surface;
     surface.set(table);
-    analysis::ContactGeometry geometry;
+    OwnGeometry geometry;
     geometry.update(frame);
     analysis::VertexVelocities velocities;
     velocities.sent_m_per_s = frame.velocities_m_per_s;
@@ -165,7 +165,7 @@ TEST_CASE("The broad phase between sheets does linear work", "[contacts]") {
       const auto topology = topology_of(mesh);
       const MeshFrame frame = frame_at(topology, mesh, 0, [&](double u, double v) { return Vec3d(u, v, 0.5 * radius_m); });
       const MeshFrame other = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(u + 0.004, v, 0); });
-      analysis::ContactGeometry geometry;
+      OwnGeometry geometry;
       geometry.update(frame);
       analysis::PosedSheet posed, posed_other;
       posed.update(topology, frame.positions_m, geometry.origin_m);

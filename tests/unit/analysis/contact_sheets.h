@@ -11,6 +11,7 @@
 
 #include "client_sdk/sheets/rectangle.h"
 #include "server/analysis/contacts.h"
+#include "server/sheet/face_geometry.h"
 
 /// Sheets and scenes for the contact tests.
 namespace contact_tests {
@@ -65,15 +66,26 @@ inline scene::SceneState table_at(double height_m = 0) {
   return scene;
 }
 
+/// A frame's geometry with positions of its own.
+struct OwnGeometry : analysis::ContactGeometry {
+  std::vector<sheet::Vec4f> own_m;
+
+  void update(const MeshFrame& mesh_frame) {
+    sheet::relative_positions_m(mesh_frame.positions_m, mesh_frame.positions_m.front(), own_m);
+    ContactGeometry::update(mesh_frame, mesh_frame.positions_m.front(), own_m);
+  }
+};
+
 /// A tracker with what it needs between frames.
 struct Run {
   ContactTracker tracker;
   std::unique_ptr<MeshFrame> previous;
+  std::vector<sheet::Vec4f> relative_m;
   std::uint64_t next_id = 1;
 
   std::vector<FrictionContact> step(MeshFrame frame, const SheetSurroundings& surroundings) {
-    const MeshFrame* before = previous && previous->topology == frame.topology ? previous.get() : nullptr;
-    auto contacts = tracker.update(frame, before, surroundings, kRadius_m, next_id);
+    sheet::relative_positions_m(frame.positions_m, Vec3f::Zero(), relative_m);
+    auto contacts = tracker.update({frame, previous.get(), surroundings, kRadius_m, Vec3f::Zero(), relative_m}, next_id);
     previous = std::make_unique<MeshFrame>(std::move(frame));
     return contacts;
   }

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <functional>
 #include <thread>
 
@@ -30,13 +31,14 @@ class ForwardClock final : public session::WallClock {
 
 class RunningDaemon {
  public:
-  explicit RunningDaemon(const std::string& name) {
+  explicit RunningDaemon(const std::string& name, const std::string& recordings = {}) {
     spdlog::set_level(spdlog::level::off);
     const std::string start = "ipc:///tmp/rustle-test-daemon-" + name + "-" + std::to_string(::getpid());
     apps::DaemonOptions options;
     options.sockets.control = start + "-control";
     options.sockets.stream = start + "-stream";
     options.sockets.out = start + "-out";
+    options.recordings = recordings;
     control = options.sockets.control;
     auto packs = std::make_shared<pack::PackLibrary>(std::vector<std::filesystem::path>{RUSTLE_BUILT_PACKS});
     auto opened = apps::Daemon::open(options, packs, clock);
@@ -201,4 +203,48 @@ TEST_CASE("a session's name is cut between characters", "[apps]") {
   const auto session = client::Session::attach(connection, options);
   REQUIRE(session.has_value());
   CHECK(session->id() == std::string(63, 'a'));
+}
+
+TEST_CASE("a session is recorded by its client's word, and told what is stored", "[apps]") {
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("rustle-recordings-" + std::to_string(::getpid()));
+  {
+    const RunningDaemon daemon("recording", folder.string());
+    const auto connection = daemon.connect();
+    client::SessionOptions options;
+    options.name = "sheet";
+    options.record = true;
+    options.sheets = {client::SheetOptions{}};
+    auto session = client::Session::attach(connection, options);
+    REQUIRE(session.has_value());
+    CHECK(session->options().record);
+    CHECK(session->recording_file_name().starts_with("sheet_"));
+    CHECK(session->start_recording("second").error().code_name == "unsupported");
+    play(*session, *sheets::make_demo("snap", 183), 20);
+    REQUIRE(wait_until([&] {
+      CHECK(session->poll_notices().empty());  // takes what the daemon says
+      return session->stored_sequence() + 1 == session->next_sequence();
+    }));
+    const auto listed = connection.list_sessions();
+    REQUIRE(listed->front().recording.has_value());
+    CHECK(listed->front().recording->file_name == session->recording_file_name());
+    CHECK(listed->front().recording->messages > 20);
+    const auto stopped = session->stop_recording();
+    REQUIRE(stopped.has_value());
+    CHECK(std::filesystem::file_size(folder / stopped->file_name) == stopped->bytes);
+    CHECK(session->recording_file_name().empty());
+    CHECK_FALSE(connection.list_sessions()->front().recording.has_value());
+
+    const auto begun = session->start_recording("second");
+    REQUIRE(begun.has_value());
+    CHECK(*begun == "second.mcap");
+    CHECK(session->recording_file_name() == "second.mcap");
+    REQUIRE(session->detach().has_value());
+    const auto ended = connection.stop_recording("sheet");
+    REQUIRE(ended.has_value());
+    CHECK(ended->file_name == "second.mcap");
+    CHECK(connection.stop_recording("nobody").error().code_name == "unsupported");
+  }
+  CHECK(std::distance(std::filesystem::directory_iterator(folder), {}) == 2);
+  std::filesystem::remove_all(folder);
 }

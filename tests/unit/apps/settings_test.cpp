@@ -178,8 +178,8 @@ TEST_CASE("the daemon's own settings read back as printed, and say what no endpo
   Settings settings = settings_of(again);
   CHECK(settings.read(file.path(), no_environment).empty());
   CHECK(settings.changes_to(settings_of(configuration)).restart.empty());
-  const SettingsFile open("[network]\ncontrol = \"tcp://0.0.0.0:7390\"\n");
+  const SettingsFile open("[network]\ncontrol = \"udp://127.0.0.1:7390\"\n");
   const auto errors = settings.read(open.path(), no_environment);
   REQUIRE(errors.size() == 1);
-  CHECK(errors[0].text().find(":2: network.control tcp://0.0.0.0:7390: only this machine") != std::string::npos);
+  CHECK(errors[0].text().find(":2: network.control udp://127.0.0.1:7390: no endpoint") != std::string::npos);
 }

@@ -79,7 +79,7 @@ TEST_CASE("a capture gives back every record as it was, decisions and malformed 
   v1::Decision decision;
   decision.set_session_id("small");
   decision.set_sequence(1);
-  decision.mutable_frame()->set_message_sequence(6);
+  decision.mutable_dropped()->set_message_sequence(6);
   records.insert(records.begin() + 7, record_of(decision, records[6].log_time_ns));
   records.insert(records.begin() + 9,
                  {"/small/other", records[8].log_time_ns, 3, 9, "\xff\xff\xff no message", Kind::kStreamMessage});

@@ -79,9 +79,9 @@ class FakeDaemon {
     const std::lock_guard lock(mutex_);
     return attached_options_;
   }
-  std::size_t attached_sheets() const {
+  std::vector<std::string> attached_materials() const {
     const std::lock_guard lock(mutex_);
-    return attached_sheets_;
+    return attached_materials_;
   }
   std::size_t asked_count(const std::string& what) const {
     const std::lock_guard lock(mutex_);
@@ -154,9 +154,10 @@ class FakeDaemon {
       {
         const std::lock_guard lock(mutex_);
         attached_options_ = attach->options;
-        attached_sheets_ = attach->sheets.size();
+        attached_materials_.clear();
+        for (const auto& sheet : attach->sheets) attached_materials_.push_back(sheet.material);
       }
-      wire::Attached attached{.session_id = "s1", .options = attach->options, .credit = {}};
+      wire::Attached attached{.session_id = "s1", .options = attach->options, .credit = {}, .recording_file_name = {}};
       attached.options.rate_hz = 48'000;
       attached.options.block_size = 128;
       if (attach->options.clock == session::Clock::kSimulation)
@@ -185,6 +186,15 @@ class FakeDaemon {
     } else if (const auto* gains = std::get_if<wire::SetGainsRequest>(&request->body)) {
       note("gains");
       reply(wire::GainsSet{gains->gains});
+    } else if (const auto* change = std::get_if<wire::ChangePackRequest>(&request->body)) {
+      wire::PackInfo pack;
+      pack.material = change->material;
+      pack.touched_surface = change->touched_surface;
+      reply(wire::PackChanged{pack});
+    } else if (const auto* reload = std::get_if<wire::ReloadPackRequest>(&request->body)) {
+      wire::PackInfo pack;
+      pack.name = reload->name;
+      reply(wire::PackList{{pack, pack}});
     } else if (std::holds_alternative<wire::ListPacksRequest>(request->body)) {
       wire::PackInfo pack;
       pack.name = "printer-paper";
@@ -220,7 +230,7 @@ class FakeDaemon {
   std::vector<v1::StreamMessage> received_{};
   std::vector<std::string> asked_{};
   session::SessionOptions attached_options_{};
-  std::size_t attached_sheets_ = 0;
+  std::vector<std::string> attached_materials_{};
   std::uint64_t last_sequence_ = 0;
   std::thread thread_;
 };

@@ -1,4 +1,7 @@
+#include <opus.h>
 #include <catch2/catch.hpp>
+
+#include <cmath>
 
 #include "client_sdk/cpp/session.h"
 #include "tests/unit/client/fake_daemon.h"
@@ -128,6 +131,116 @@ TEST_CASE("stems and emitters", "[client][pcm]") {
   CHECK(block->emitter->position == Vector3{1, 2, 3});
   CHECK(block->emitter->last);
   CHECK(emitters.next(10s)->missing_samples == 0);
+}
+
+TEST_CASE("messages that were lost are counted, and each emitter's samples", "[client][pcm]") {
+  FakeDaemon daemon({});
+  auto reader = std::move(*PcmReader::listen(connect(daemon), "s1", {.content = EmitterContent{}}));
+  const auto post = [&](std::uint64_t sequence, std::uint64_t emitter, std::int64_t first_sample, bool last = false) {
+    wire::EmitterContent content;
+    content.emitter_id = emitter;
+    content.last = last;
+    wire::PcmHeader header;
+    header.rate_hz = 48'000;
+    header.channels = 1;
+    header.first_sample = first_sample;
+    header.content = content;
+    daemon.post("s1/pcm/emitter/f32/4",
+                wire::encode_pcm({.session_id = "s1", .sequence = sequence}, header, std::vector<float>(10)));
+  };
+  post(4, 1, 100);
+  post(5, 2, 100);
+  post(8, 1, 130);        // twenty lost, in two messages, perhaps with another emitter's
+  post(9, 2, 110, true);  // nothing
+  post(10, 2, 500);       // begun again
+  post(11, 1, 140);
+  daemon.post("s1/pcm/emitter/f32/4", wire::encode_end({.session_id = "s1", .sequence = 13}, 600));
+  std::vector<std::uint64_t> missing;
+  for (auto block = reader.next(10s); block && !block->end; block = reader.next(10s))
+    missing.push_back(block->missing_samples);
+  CHECK(missing == std::vector<std::uint64_t>{0, 0, 20, 0, 0, 0});
+  CHECK(reader.missing_samples() == 20);
+  CHECK(reader.missing_messages() == 3);
+  CHECK(reader.read_all().error().field == "content");
+}
+
+TEST_CASE("Opus packets are decoded to where they were, emitter by emitter", "[client][pcm]") {
+  FakeDaemon daemon({});
+  const Connection connection = connect(daemon);
+  constexpr int kFrame = 960;
+  struct Encoder {
+    Encoder() {
+      int problem = 0;
+      handle = opus_encoder_create(48'000, 1, OPUS_APPLICATION_RESTRICTED_LOWDELAY, &problem);
+      opus_encoder_ctl(handle, OPUS_GET_LOOKAHEAD(&lookahead));
+    }
+    ~Encoder() { opus_encoder_destroy(handle); }
+    std::vector<unsigned char> packet(const float* samples) {
+      std::vector<unsigned char> bytes(4000);
+      bytes.resize(static_cast<std::size_t>(
+          opus_encode_float(handle, samples, kFrame, bytes.data(), static_cast<opus_int32>(bytes.size()))));
+      return bytes;
+    }
+    OpusEncoder* handle;
+    opus_int32 lookahead = 0;
+  };
+  std::vector<float> tone(10 * kFrame);
+  for (std::size_t n = 0; n < tone.size(); ++n) tone[n] = 0.3f * std::sin(0.05f * static_cast<float>(n));
+
+  std::string topic;
+  ListenOptions options;
+  options.format = SampleFormat::kOpus;
+  options.blocks = 1;
+  const bool emitters = GENERATE(false, true);
+  if (emitters) options.content = EmitterContent{};
+  topic = emitters ? "s1/pcm/emitter/opus/4" : "s1/pcm/mix/opus/4";
+  auto reader = std::move(*PcmReader::listen(connection, "s1", options));
+  Encoder encoders[2];
+  std::uint64_t sequence = 0;
+  for (int k = 0; k < 10; ++k) {
+    for (std::uint64_t id = 0; id < (emitters ? 2 : 1); ++id) {
+      // The second emitter is the first one's opposite.
+      std::vector<float> samples(tone.begin() + k * kFrame, tone.begin() + (k + 1) * kFrame);
+      if (id == 1)
+        for (float& x : samples) x = -x;
+      const auto packet = encoders[id].packet(samples.data());
+      const auto skip = static_cast<std::uint32_t>(k == 0 ? encoders[id].lookahead : 0);
+      wire::PcmHeader header;
+      header.rate_hz = 48'000;
+      header.channels = 1;
+      header.format = wire::PcmFormat::kOpus;
+      header.first_sample = k == 0 ? 0 : k * kFrame - encoders[id].lookahead;
+      if (emitters) {
+        wire::EmitterContent content;
+        content.emitter_id = 5 + id;
+        header.content = content;
+      }
+      daemon.post(topic,
+                  wire::encode_opus({.session_id = "s1", .sequence = ++sequence}, header, {packet, kFrame - skip, skip}));
+    }
+  }
+  daemon.post(topic, wire::encode_opus(
+                         {.session_id = "s1", .sequence = ++sequence},
+                         {.rate_hz = 48'000, .channels = 1, .format = wire::PcmFormat::kOpus, .content = wire::MixContent{}},
+                         {{}, 5, 0}));
+  std::vector<float> heard[2];
+  for (auto block = reader.next(2s); block; block = reader.next(500ms)) {
+    auto& into = heard[block->emitter ? block->emitter->emitter_id - 5 : 0];
+    CHECK(block->first_sample == static_cast<std::int64_t>(into.size()));
+    CHECK(block->missing_samples == 0);
+    into.insert(into.end(), block->interleaved.begin(), block->interleaved.end());
+  }
+  for (std::size_t id = 0; id < (emitters ? 2 : 1); ++id) {
+    REQUIRE(heard[id].size() == tone.size() - static_cast<std::size_t>(encoders[0].lookahead));
+    double error = 0, power = 0;
+    for (std::size_t n = kFrame; n < heard[id].size(); ++n) {
+      const double wanted = id == 0 ? tone[n] : -tone[n];
+      error += (heard[id][n] - wanted) * (heard[id][n] - wanted);
+      power += wanted * wanted;
+    }
+    CHECK(error < 1e-3 * power);
+  }
+  CHECK(reader.unreadable_messages() == 1);
 }
 
 TEST_CASE("a listener of a simulation that reads late misses nothing", "[client][pcm]") {

@@ -87,6 +87,7 @@ TEST_CASE("a live session goes on at a daemon that was started anew", "[client][
   REQUIRE(session.scene({.time_s = 0.5, .poses = {{1, {.position = {0, 0, 3}}}}}).has_value());
   REQUIRE(session.listener({.time_s = 0, .position = {1, 2, 3}}).has_value());
   REQUIRE(session.set_gains({{.gain_db = -6}}).has_value());
+  REQUIRE(session.change_pack(1, "kraft").has_value());
   REQUIRE(session.frame(1, 7, time_s, kPositions) == Sent::kQueued);
 
   for (std::uint64_t round = 1; round <= 3; ++round) {
@@ -110,12 +111,13 @@ TEST_CASE("a live session goes on at a daemon that was started anew", "[client][
     using Message = v1::StreamMessage;
     CHECK(bodies(received, 5) ==
           std::vector{Message::kSheet, Message::kTopology, Message::kScene, Message::kListener, Message::kFrame});
+    CHECK(received[0].sheet().material() == "kraft");
     CHECK(received[2].scene().obstacles(0).pose().position().z() == 3);
     CHECK(received[3].listener().position().x() == 3);  // said while the daemon was away
     for (std::size_t k = 1; k < received.size(); ++k) CHECK(received[k].sequence() == received[k - 1].sequence() + 1);
     CHECK(place.daemon->asked_count("attach test") == 1);
     CHECK(place.daemon->asked_count("gains") == 1);
-    CHECK(place.daemon->attached_sheets() == 0);  // told in the stream, as they are now
+    CHECK(place.daemon->attached_materials() == std::vector<std::string>{"kraft"});
     CHECK(place.daemon->attached_options().seed == 5);
   }
   CHECK(session.detach().has_value());

@@ -80,6 +80,14 @@ TEST_CASE("questions and answers on the control socket", "[client]") {
   CHECK(gains->at(0).gain_db == -3);
   CHECK(gains->at(0).sheet_id == 2u);
   CHECK(gains->at(0).kind == SoundKind::kFriction);
+  const auto pack = connection.change_pack("x", 2, "kraft", "glass");
+  REQUIRE(pack.has_value());
+  CHECK(pack->material == "kraft");
+  CHECK(pack->touched_surface == "glass");
+  const auto packs = connection.reload_pack("kraft");
+  REQUIRE(packs.has_value());
+  REQUIRE(packs->size() == 2);
+  CHECK(packs->at(0).name == "kraft");
 }
 
 TEST_CASE("questions from several threads get their own answers", "[client]") {

@@ -83,8 +83,117 @@ TEST_CASE("a library finds packs by material and surface, in search order, and s
   REQUIRE((a && b && c));
   CHECK(*a == *b);
   CHECK(*a != *c);
-  library.rescan();
-  CHECK(*library.load("card", "slate", 48000) != *a);
+}
+
+namespace {
+
+/// Two packs in a folder, and a library that has loaded both.
+struct Shelf {
+  TemporaryFolder folder;
+  SoundPack vellum = example_pack(), card = example_pack();
+  std::unique_ptr<PackLibrary> library;
+  std::shared_ptr<const SoundPack> old_vellum, old_card;
+
+  Shelf() {
+    vellum.name = vellum.material = "vellum";
+    card.name = "card-on-slate";
+    card.material = "card";
+    put(vellum);
+    put(card);
+    library = std::make_unique<PackLibrary>(std::vector{folder.path()});
+    old_vellum = now("vellum");
+    old_card = now("card");
+  }
+  std::filesystem::path place(const std::string& material) const { return folder.path() / material; }
+  void put(const SoundPack& pack) const {
+    std::filesystem::remove_all(place(pack.material));
+    REQUIRE(write(pack, place(pack.material)));
+  }
+  std::shared_ptr<const SoundPack> now(const std::string& material) const {
+    return library->load(material, {}, 48000).value();
+  }
+  bool all_as_it_was() const {
+    return now("vellum") == old_vellum && now("card") == old_card && library->entries().size() == 2;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("packs are read anew when asked to, and those that read the same stay shared") {
+  Shelf shelf;
+  const auto other_rate = shelf.library->load("vellum", {}, 44100).value();
+  shelf.vellum.version = "0.2";
+  shelf.put(shelf.vellum);
+  CHECK(shelf.all_as_it_was());
+  const auto read = shelf.library->reload("", 48000);
+  REQUIRE(read);
+  REQUIRE(read->size() == 2);
+  CHECK(shelf.now("card") == shelf.old_card);
+  CHECK(shelf.now("vellum")->version == "0.2");
+  CHECK(std::count(read->begin(), read->end(), shelf.now("vellum")) == 1);
+  CHECK(shelf.old_vellum->version == "0.1");
+  CHECK(shelf.library->load("vellum", {}, 44100).value() != other_rate);
+  CHECK(shelf.library->find("vellum")->version == "0.2");
+}
+
+TEST_CASE("a pack is read anew by its name, and new ones are found") {
+  Shelf shelf;
+  shelf.vellum.version = shelf.card.version = "0.2";
+  shelf.put(shelf.vellum);
+  shelf.put(shelf.card);
+  REQUIRE(shelf.library->reload("card-on-slate", 48000)->size() == 1);
+  CHECK(shelf.now("card")->version == "0.2");
+  CHECK(shelf.now("vellum") == shelf.old_vellum);
+  SoundPack silk = example_pack();
+  silk.name = silk.material = "silk";
+  shelf.put(silk);
+  CHECK_FALSE(shelf.library->find("silk"));
+  REQUIRE(shelf.library->reload("silk", 48000));
+  CHECK(shelf.now("silk")->material == "silk");
+  CHECK(shelf.now("vellum") == shelf.old_vellum);
+  std::vector<std::string> order;
+  for (const auto& entry : shelf.library->entries()) order.push_back(entry.name);
+  CHECK(order == std::vector<std::string>{"card-on-slate", "silk", "vellum"});
+  std::filesystem::remove_all(shelf.place("silk"));
+  REQUIRE(shelf.library->reload("", 48000));
+  CHECK_FALSE(shelf.library->find("silk"));
+}
+
+TEST_CASE("where a pack cannot be read anew its file is named, and everything stays as it was") {
+  Shelf shelf;
+  shelf.vellum.version = "0.2";
+  shelf.put(shelf.vellum);
+  const auto refused = [&](const std::string& name) {
+    const auto read = shelf.library->reload(name, 48000);
+    REQUIRE_FALSE(read);
+    CHECK(shelf.all_as_it_was());
+    return read.error().text();
+  };
+  SECTION("a unit") {
+    write_bytes(shelf.place("card") / "units/3.wav", "RIFF");
+    for (const char* name : {"", "card", "card-on-slate"}) CHECK_THAT(refused(name), Contains("card/units/3.wav"));
+    CHECK(shelf.library->reload("vellum", 48000));
+  }
+  SECTION("a manifest") {
+    write_bytes(shelf.place("card") / "pack.json", "{");
+    for (const char* name : {"", "card"}) CHECK_THAT(refused(name), Contains("card/pack.json"));
+    REQUIRE(shelf.library->reload("vellum", 48000));
+    CHECK(shelf.now("card") == shelf.old_card);
+    shelf.put(shelf.card);
+    CHECK(shelf.library->reload("card", 48000));
+  }
+  SECTION("one that was never there") {
+    std::filesystem::create_directory(shelf.place("silk"));
+    write_bytes(shelf.place("silk") / "pack.json", "[");
+    for (const char* name : {"", "silk"}) CHECK_THAT(refused(name), Contains("silk/pack.json"));
+    CHECK_THAT(refused("parchment"), Contains("parchment") && Contains("card, vellum"));
+  }
+  SECTION("none at all") {
+    std::filesystem::remove_all(shelf.place("card"));
+    std::filesystem::remove_all(shelf.place("vellum"));
+    CHECK_FALSE(shelf.library->reload("", 48000));
+    CHECK(shelf.now("card") == shelf.old_card);
+  }
 }
 
 TEST_CASE("RUSTLE_PACK_PATH comes first, the program's own share folder next") {

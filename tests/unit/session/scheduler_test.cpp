@@ -288,6 +288,9 @@ TEST_CASE("Sessions on several analysis and render workers keep their order, and
   }
   CHECK(in_order);
   CHECK(said > 0);
+  // They take what time there is, which is no load.
+  CHECK(scheduler.busy().analysis == session::WallClock::Duration::zero());
+  CHECK(scheduler.busy().render == session::WallClock::Duration::zero());
 
   // Nobody but the test holds a session that was removed, once the next comes and goes.
   for (auto& one : held) scheduler.remove(one);

@@ -52,7 +52,7 @@ TEST_CASE("Readings are the cubic of four neighbours, at rest and on the way, fo
   for (const double first : {100.0, 100.25, 100.75}) {
     std::vector<float> out(kQuantum, 0.5F);
     const auto whole = static_cast<std::size_t>(first);
-    const StillTap tap{&x[whole - 1], weights(position(first - std::floor(first)), 0.7F)};
+    StillTap tap{&x[whole - 1], weights(position(first - std::floor(first)), 0.7F)};
     add_taps({}, std::span(&tap, 1), out.data());
     for (int n = 0; n < kQuantum; ++n)
       CHECK(out[static_cast<std::size_t>(n)] == Approx(0.7 * cubic(x, first + n) + 0.5).margin(1e-6));
@@ -79,7 +79,11 @@ TEST_CASE("However many taps go in one pass, the bits are those of plain loops, 
       }
       for (std::size_t k = 0; k < whole_count; ++k) whole.push_back({&x[131 * k + 5], 0.2F * static_cast<float>(k + 1)});
       std::vector<float> out = noise(kQuantum, 3), plain = out;
-      add_taps(whole, still, out.data());
+      auto moved_still = still;
+      auto moved_whole = whole;
+      add_taps(moved_whole, moved_still, out.data());
+      for (std::size_t k = 0; k < still_count; ++k) CHECK(moved_still[k].x == still[k].x + kQuantum);
+      for (std::size_t k = 0; k < whole_count; ++k) CHECK(moved_whole[k].x == whole[k].x + kQuantum);
       std::array<std::array<float, kQuantum + 3>, 4> sums{};
       for (const auto& tap : still) {
         for (std::size_t k = 0; k < 4; ++k) {

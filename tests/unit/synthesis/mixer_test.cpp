@@ -63,11 +63,11 @@ void plan_lively_scene(Rig& rig, double up_sign = 1) {
 
 }  // namespace
 
-TEST_CASE("The registry has crumpling and friction of paper, without latency") {
-  REQUIRE(sound_models().size() >= 2);
+TEST_CASE("The registry has crumpling and friction of paper, tearing and cloth") {
+  REQUIRE(sound_models().size() == 4);
   CHECK(sound_models()[0].kind == SoundKind::kCrumpling);
   CHECK(sound_models()[1].kind == SoundKind::kFriction);
-  for (const SoundModel& model : sound_models()) CHECK(model.latency_samples == 0);
+  CHECK(sound_models()[3].name == "cloth");
 }
 
 TEST_CASE("Silence in, silence out") {
@@ -153,12 +153,9 @@ TEST_CASE("Buses keep sheets and kinds apart, and each has its gain") {
   CHECK_FALSE(rig.mixer.sounding(bus_of(1, SoundKind::kCrumpling)));
 
   Rig plain(options), turned(options);
-  Gains gains;
-  gains.session_db = -6;
-  gains.kind_db[0] = -3;
-  gains.sheet_db[1] = 2;
-  gains.material_db["test-paper"] = 1;
-  turned.planner.gains(gains, 0, turned.cues);
+  turned.planner.gains(
+      {{-6, {}, {}, ""}, {-3, {}, SoundKind::kCrumpling, ""}, {2, 1, {}, ""}, {1, {}, {}, "test-paper"}, {9, 2, {}, ""}}, 0,
+      turned.cues);
   for (Rig* r : {&plain, &turned}) {
     auto event = r->frame(0, 0.1);
     event.crumpling = {flap(1, 0.05, 0.1)};

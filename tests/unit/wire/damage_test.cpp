@@ -71,6 +71,11 @@ struct Sound {
   bool operator()(const scene::Listener& listener) const {
     return finite(listener.position_m) && std::abs(listener.up.norm() - 1) < 1e-9;
   }
+  // Come by control and not in the stream.
+  bool operator()(const engine::GainChange&) const { return false; }
+  bool operator()(const engine::PackChange&) const { return false; }
+  bool operator()(const engine::PackReload&) const { return false; }
+  bool operator()(const engine::LoadLevel&) const { return false; }
   bool operator()(const engine::TearTips& tips) const {
     bool good = std::isfinite(tips.time_s);
     for (const auto& tip : tips.tips) good &= finite(tip.position_m);

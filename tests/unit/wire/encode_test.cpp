@@ -85,6 +85,28 @@ TEST_CASE("PCM as 16-bit integers is the nearest, and clamped", "[wire][encode]"
   CHECK(message.pcm().data().size() == 6);
 }
 
+TEST_CASE("an Opus packet leaves as it is, with what is kept of it", "[wire][encode]") {
+  const std::vector<std::uint8_t> packet = {0, 1, 255};
+  const auto message = parse(encode_opus({.session_id = "s", .sequence = 4},
+                                         {.first_sample = 1920,
+                                          .rate_hz = 48'000,
+                                          .channels = 2,
+                                          .format = PcmFormat::kOpus,
+                                          .missing_samples = 7,
+                                          .time_s = 0.04,
+                                          .content = MixContent{}},
+                                         {packet, 840, 120}));
+  CHECK(message.sequence() == 4);
+  CHECK(message.pcm().format() == v1::SAMPLE_FORMAT_OPUS);
+  CHECK(message.pcm().first_sample() == 1920);
+  CHECK(message.pcm().samples() == 840);
+  CHECK(message.pcm().skip_samples() == 120);
+  CHECK(message.pcm().missing_samples() == 7);
+  CHECK(message.pcm().channels() == 2);
+  CHECK(message.pcm().data() == std::string("\0\1\xff", 3));
+  CHECK(message.pcm().has_mix());
+}
+
 TEST_CASE("positions leave in the session's axes", "[wire][encode]") {
   EmitterContent emitter;
   emitter.position_m = {1, 2, 3};
@@ -250,8 +272,29 @@ TEST_CASE("control requests", "[wire][control]") {
     CHECK(got.gain_db == -6);
     CHECK(got.kind == synthesis::SoundKind::kTearing);
     CHECK_FALSE(got.sheet_id.has_value());
-    gain->set_gain_db(1e9);
-    CHECK(control(request).error().error.field == "set_gains.gains[0].gain_db");
+    gain->set_gain_db(-std::numeric_limits<double>::infinity());  // silence
+    CHECK(std::get<SetGainsRequest>(control(request)->body).gains.at(0).gain_db == gain->gain_db());
+    gain->set_gain_db(24);
+    CHECK(control(request).has_value());
+    const auto refused = [&](double gain_db, ErrorCode code) {
+      gain->set_gain_db(gain_db);
+      const auto error = control(request).error().error;
+      CHECK(error.field == "set_gains.gains[0].gain_db");
+      CHECK(error.code == code);
+      CHECK_FALSE(error.remedy.empty());
+    };
+    refused(24.1, ErrorCode::kOutOfRange);
+    refused(-201, ErrorCode::kOutOfRange);
+    refused(std::numeric_limits<double>::infinity(), ErrorCode::kNotFinite);
+    refused(std::numeric_limits<double>::quiet_NaN(), ErrorCode::kNotFinite);
+  }
+  SECTION("a change of pack names something") {
+    request.mutable_change_pack()->set_sheet_id(2);
+    CHECK(control(request).error().error.field == "change_pack.material");
+    request.mutable_change_pack()->set_touched_surface("glass");
+    CHECK(std::get<ChangePackRequest>(control(request)->body).touched_surface == "glass");
+    request.mutable_change_pack()->set_material("kraft\n");
+    CHECK(control(request).error().error.field == "change_pack.material");
   }
 }
 
@@ -283,8 +326,18 @@ TEST_CASE("control replies", "[wire][control]") {
   CHECK(parse_reply(Welcome{.server = "x", .stream_endpoint = "a", .out_endpoint = "b", .rate_hz = 1, .block_size = 2})
             .welcome()
             .protocol_version() == 1);
-  const auto attached = parse_reply(Attached{.session_id = "s", .options = {}, .credit = FlowCredit{0, 8, 100}});
+  const auto attached = parse_reply(
+      Attached{.session_id = "s", .options = {}, .credit = FlowCredit{0, 8, 100}, .recording_file_name = "take.mcap"});
   CHECK(attached.attached().credit().window_messages() == 8);
+  CHECK(attached.attached().recording_file_name() == "take.mcap");
+  SessionList list;
+  list.sessions.resize(2);
+  list.sessions[1].recording = RecordingProgress{"take.mcap", 7, 8};
+  const auto listed = parse_reply(list).session_list();
+  CHECK_FALSE(listed.sessions(0).has_recording());
+  CHECK(listed.sessions(1).recording().file_name() == "take.mcap");
+  CHECK(listed.sessions(1).recording().messages() == 7);
+  CHECK(listed.sessions(1).recording().bytes() == 8);
   // The plain codes are the wire's.
   CHECK(static_cast<int>(ErrorCode::kIdle) == v1::ERROR_CODE_IDLE);
   CHECK(static_cast<int>(ErrorCode::kUnidentified) == v1::ERROR_CODE_UNIDENTIFIED);

@@ -59,16 +59,23 @@ std::vector<std::string> receive(zmq::socket_t& socket) {
 
 }  // namespace
 
-TEST_CASE("only this machine may be served", "[wire][sockets]") {
+TEST_CASE("endpoints that can be bound, and those that only this machine reaches", "[wire][sockets]") {
   CHECK(check_bind_endpoint("tcp://127.0.0.1:7390", "--control") == std::string("tcp://127.0.0.1:7390"));
   CHECK(check_bind_endpoint("tcp://localhost:7390", "--control") == std::string("tcp://127.0.0.1:7390"));
   CHECK(check_bind_endpoint("tcp://127.3.2.1:*", "--control").has_value());
   CHECK(check_bind_endpoint("tcp://[::1]:7390", "--control").has_value());
   CHECK(check_bind_endpoint("ipc:///tmp/x", "--control").has_value());
-  for (const char* endpoint :
-       {"tcp://*:7390", "tcp://0.0.0.0:7390", "tcp://192.168.1.4:7390", "tcp://eth0:7390", "tcp://[::]:7390",
-        "tcp://127.0.0.1.example.org:1", "tcp://127.0.0.1", "tcp://127.0.0.1:", "tcp://127.0.0.1:99999", "tcp://:7390",
-        "tcp://::1:7390", "udp://127.0.0.1:1", "7390", "", "ipc://", "inproc://x"}) {
+  for (const char* local :
+       {"tcp://127.0.0.1:7390", "tcp://localhost:*", "tcp://127.3.2.1:1", "tcp://[::1]:7390", "ipc:///x"})
+    CHECK(is_local(local));
+  for (const char* exposed : {"tcp://*:7390", "tcp://0.0.0.0:7390", "tcp://192.168.1.4:7390", "tcp://eth0:7390",
+                              "tcp://[::]:7390", "tcp://127.0.0.1.example.org:1", "tcp://127.0.0.256:1", "tcp://127.1:1"}) {
+    INFO(exposed);
+    CHECK(check_bind_endpoint(exposed, "--control").has_value());
+    CHECK_FALSE(is_local(exposed));
+  }
+  for (const char* endpoint : {"tcp://127.0.0.1", "tcp://127.0.0.1:", "tcp://127.0.0.1:99999", "tcp://:7390",
+                               "tcp://::1:7390", "udp://127.0.0.1:1", "7390", "", "ipc://", "inproc://x"}) {
     const auto checked = check_bind_endpoint(endpoint, "--stream");
     INFO(endpoint);
     REQUIRE_FALSE(checked.has_value());
@@ -87,6 +94,10 @@ TEST_CASE("a bind that is refused says what to do", "[wire][sockets]") {
   REQUIRE_FALSE(opened.has_value());
   CHECK(opened.error().find("--out") != std::string::npos);
   CHECK(opened.error().find("127.0.0.1") != std::string::npos);
+  options.out = "tcp://0.0.0.0:*";
+  CHECK_FALSE(Sockets::open(options).has_value());
+  options.insecure = true;
+  CHECK(Sockets::open(options).has_value());
 }
 
 TEST_CASE("a port in use is named, with its flag", "[wire][sockets]") {
@@ -140,7 +151,7 @@ TEST_CASE("a publisher is heard, bound and connected to, with and without topic"
   bound.set(zmq::sockopt::linger, 0);
   bound.bind("tcp://127.0.0.1:*");
   auto options = local();
-  options.connect = {bound.get(zmq::sockopt::last_endpoint)};
+  options.connect = {{.endpoint = bound.get(zmq::sockopt::last_endpoint), .public_key = {}}};
   auto sockets = std::move(*Sockets::open(options));
   zmq::socket_t connected(context, zmq::socket_type::xpub);
   connected.set(zmq::sockopt::linger, 0);
