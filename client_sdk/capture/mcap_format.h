@@ -48,6 +48,7 @@ struct McapSchema {
   std::string name;
   std::string encoding;
   std::string data;
+  friend bool operator==(const McapSchema&, const McapSchema&) = default;
 };
 
 struct McapChannel {
@@ -56,6 +57,7 @@ struct McapChannel {
   std::string topic;
   std::string message_encoding;
   std::map<std::string, std::string> metadata;
+  friend bool operator==(const McapChannel&, const McapChannel&) = default;
 };
 
 struct McapMessage {

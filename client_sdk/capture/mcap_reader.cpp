@@ -186,11 +186,13 @@ std::optional<McapReader::Message> McapReader::declare_or_message(McapOpcode opc
   if (opcode == McapOpcode::kSchema) {
     std::optional<McapSchema> schema = parse_schema(content);
     if (!schema) return damaged("an incomplete schema");
-    if (schema->id != 0) schemas_.emplace(schema->id, std::move(*schema));
+    if (schema->id != 0 && schemas_.try_emplace(schema->id, *schema).first->second != *schema)
+      return damaged(fmt::format("schema {} is declared twice, differently", schema->id));
   } else if (opcode == McapOpcode::kChannel) {
     std::optional<McapChannel> channel = parse_channel(content);
     if (!channel) return damaged("an incomplete channel");
-    channels_.emplace(channel->id, std::move(*channel));
+    if (channels_.try_emplace(channel->id, *channel).first->second != *channel)
+      return damaged(fmt::format("channel {} is declared twice, differently", channel->id));
   } else if (opcode == McapOpcode::kMessage) {
     const std::optional<McapMessage> message = parse_message(content);
     if (!message) return damaged("an incomplete message");

@@ -94,7 +94,9 @@ McapWriter::Result McapWriter::write(const McapMessage& message) {
   if (chunk_.empty()) chunk_start_ns_ = chunk_end_ns_ = log_time_ns;
   chunk_start_ns_ = std::min(chunk_start_ns_, log_time_ns);
   chunk_end_ns_ = std::max(chunk_end_ns_, log_time_ns);
-  chunk_index_[message.channel_id].emplace_back(log_time_ns, chunk_.size());
+  McapMessageIndex& index = chunk_index_[message.channel_id];
+  if (index.empty()) append_channel(chunk_, channels_[message.channel_id - 1]);
+  index.emplace_back(log_time_ns, chunk_.size());
   append_message(chunk_, message);
   if (chunk_.size() >= options_.chunk_bytes) return close_chunk();
   return {};

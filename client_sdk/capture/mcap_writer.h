@@ -24,8 +24,9 @@ struct McapWriterOptions {
 };
 
 /// Writes one MCAP file (https://mcap.dev/spec): schemas, channels and metadata straight into the data section, so that a
-/// damaged chunk takes none of them along; messages in chunks with their indexes; a summary with everything an indexed
-/// reader asks for. The same calls give the same bytes.
+/// damaged chunk takes none of them along; messages in chunks with their indexes, their channels once more before them, so
+/// that the chunk's checksum covers which topic a message is of; a summary with everything an indexed reader asks for. The
+/// same calls give the same bytes.
 ///
 /// It has no clock: log times are the caller's. After the first failed write every call but close() gives the same error
 /// and touches nothing; close() then cuts the file after the last whole chunk and tries to finish it there, so that

@@ -19,12 +19,13 @@
 #include <vector>
 
 #include "client_sdk/capture/capture_reader.h"
+#include "client_sdk/capture/capture_writer.h"
 #include "server/sinks/recording.h"
 #include "tests/fuzz/memory_file.h"
 
 /// Captures under faults: cut at every byte, flipped at every bit, their writer killed, writes and syncs that fail.
-/// usage: fault_captures cuts|flips CAPTURE
-///        fault_captures kills|errors RUNS
+/// usage: fault_captures cuts CAPTURE
+///        fault_captures flips|kills|errors NUMBER
 /// Prints what was injected and what was seen; status 0 when everything holds.
 namespace {
 
@@ -38,8 +39,12 @@ capture::CaptureRecord record(std::uint32_t k) {
   std::mt19937 random(k);
   std::string bytes(16 + random() % 400, '\0');
   for (char& c : bytes) c = static_cast<char>(random());
-  return {"/s/frame/1",     std::uint64_t{k} * 20'000'000, std::uint64_t{k} * 20'000'000, k,
-          std::move(bytes), capture::Kind::kStreamMessage};
+  return {fmt::format("/s/frame/{}", k % 3),
+          std::uint64_t{k} * 20'000'000,
+          std::uint64_t{k} * 20'000'000,
+          k,
+          std::move(bytes),
+          k % 7 == 0 ? capture::Kind::kDecision : capture::Kind::kStreamMessage};
 }
 
 bool same(const capture::CaptureRecord& a, const capture::CaptureRecord& b) {
@@ -76,17 +81,23 @@ struct Damage {
   std::uint64_t cases = 0, wrong = 0, lost = 0, unnoticed = 0;
 };
 
-/// What was read of a damaged file, whose bytes before `whole` are as they were: a beginning of what is in it, with all of
-/// the chunks that end before.
+/// What was read of a damaged file, whose bytes before `whole` are as they were: nothing but what is in it, in its order,
+/// with all of the chunks that end before.
 void check(const ReadBack& truth, const ReadBack& read, std::uint64_t whole, Damage& damage) {
   ++damage.cases;
-  const std::size_t count = read.records.size();
-  bool wrong = count > truth.records.size();
-  for (std::size_t k = 0; k < count && !wrong; ++k) wrong = !same(read.records[k], truth.records[k]);
-  if (wrong) ++damage.wrong;
-  const auto due =
-      static_cast<std::size_t>(std::upper_bound(truth.ends.begin(), truth.ends.end(), whole) - truth.ends.begin());
-  if (count < due) ++damage.lost;
+  auto left = truth.records.begin();
+  for (const capture::CaptureRecord& record : read.records) {
+    left = std::find_if(left, truth.records.end(), [&](const auto& true_record) { return same(record, true_record); });
+    if (left == truth.records.end()) {
+      ++damage.wrong;
+      break;
+    }
+    ++left;
+  }
+  const auto due = std::upper_bound(truth.ends.begin(), truth.ends.end(), whole) - truth.ends.begin();
+  const auto undamaged =
+      std::mismatch(truth.records.begin(), truth.records.begin() + due, read.records.begin(), read.records.end(), same);
+  if (undamaged.first != truth.records.begin() + due) ++damage.lost;
   if (read.complete) ++damage.unnoticed;
 }
 
@@ -102,19 +113,6 @@ int cut_everywhere(const std::string& bytes) {
   for (std::size_t length = 0; length < bytes.size(); ++length)
     check(truth, read_back(std::string_view(bytes).substr(0, length)), length, damage);
   return truth.complete && !truth.records.empty() ? told("cut at every byte", damage) : 1;
-}
-
-int flip_everywhere(std::string bytes) {
-  const ReadBack truth = read_back(bytes);
-  Damage damage;
-  for (std::size_t at = 0; at < bytes.size(); ++at) {
-    for (int bit = 0; bit < 8; ++bit) {
-      bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
-      check(truth, read_back(bytes), at, damage);
-      bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
-    }
-  }
-  return truth.complete && !truth.records.empty() ? told("flipped at every bit", damage) : 1;
 }
 
 // -------------------------------------------------------------------------------------------------------------- kills
@@ -240,6 +238,25 @@ class FailingFile : public capture::OutputFile {
   std::string name_ = "failing.mcap";
 };
 
+int flip_everywhere(int records) {
+  auto disk = std::make_shared<Disk>();
+  auto writer = capture::CaptureWriter::create(std::make_unique<FailingFile>(disk), small_chunks().writer);
+  for (int k = 1; k <= records; ++k) (void)writer->write(record(static_cast<std::uint32_t>(k)));
+  if (!writer->close()) return 1;
+  std::string bytes = disk->durable;
+  const ReadBack truth = read_back(bytes);
+  Damage damage;
+  for (std::size_t at = 0; at < bytes.size(); ++at) {
+    for (int bit = 0; bit < 8; ++bit) {
+      bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
+      check(truth, read_back(bytes), at, damage);
+      bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
+    }
+  }
+  return truth.complete && truth.records.size() == static_cast<std::size_t>(records) ? told("flipped at every bit", damage)
+                                                                                     : 1;
+}
+
 int fail_writes_and_syncs(int runs) {
   constexpr std::uint32_t kRecords = 200;
   std::uint64_t met = 0, unspoken = 0, false_acknowledgements = 0, wrong = 0, retried = 0;
@@ -278,9 +295,9 @@ int fail_writes_and_syncs(int runs) {
 int main(int argc, char** argv) {
   const std::string what = argc == 3 ? argv[1] : "";
   if (what == "cuts") return cut_everywhere(bytes_of(argv[2]));
-  if (what == "flips") return flip_everywhere(bytes_of(argv[2]));
+  if (what == "flips") return flip_everywhere(std::atoi(argv[2]));
   if (what == "kills") return kill_while_recording(std::atoi(argv[2]));
   if (what == "errors") return fail_writes_and_syncs(std::atoi(argv[2]));
-  fmt::print(stderr, "usage: {} cuts|flips CAPTURE\n       {} kills|errors RUNS\n", argv[0], argv[0]);
+  fmt::print(stderr, "usage: {} cuts CAPTURE\n       {} flips|kills|errors NUMBER\n", argv[0], argv[0]);
   return 2;
 }

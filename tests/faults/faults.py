@@ -620,6 +620,11 @@ def capture_cut():
     return captures("cuts", STORED_CAPTURE)
 
 
+@fault("a capture is flipped at every bit", "told; every record of every whole chunk before, no wrong one")
+def capture_flipped():
+    return captures("flips", often(60, 12))
+
+
 @fault("the writer is killed while it records", "no acknowledged record lost, none invented")
 def capture_killed():
     return captures("kills", often(1000, 50))

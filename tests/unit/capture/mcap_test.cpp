@@ -244,6 +244,21 @@ TEST_CASE("files of other writers are read: no chunks, lz4, attachments, unknown
   CHECK(read.messages[4] == Stored{"/a", 5, 5, "data"});
 }
 
+TEST_CASE("a channel declared twice, differently, is damage: which of both is right cannot be known") {
+  std::string records;
+  append_channel(records, {1, 1, "/a", "protobuf", {}});
+  append_message(records, {1, 1, 1, 1, "data"});
+  std::string file(kMcapMagic);
+  append_header(file, {"", ""});
+  append_schema(file, {1, "schema", "protobuf", ""});
+  append_channel(file, {1, 1, "/b", "protobuf", {}});
+  append_chunk(file, {1, 1, records.size(), crc32_of(records), "", records});
+  const ReadBack read = read_back(file);
+  CHECK(read.messages.empty());
+  CHECK_FALSE(read.recovery.complete);
+  CHECK(read.recovery.what.find("channel 1 is declared twice, differently") != std::string::npos);
+}
+
 TEST_CASE("a chunk closes at its size") {
   auto disk = std::make_shared<MemoryDisk>();
   McapWriterOptions options;
