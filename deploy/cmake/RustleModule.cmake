@@ -5,7 +5,8 @@
 #   the time): the real-time paths, so that what is inlined into what depends on the file alone.
 #   A header is compiled by itself only where no .cpp of its name includes it first, which the layering test demands.
 # rustle_program(NAME SOURCES files... DEPENDS modules...)   a program in build/PRESET/bin
-# rustle_unit_tests(MODULE DEPENDS modules...)               tests/unit/MODULE/*.cpp as the test unit.MODULE
+# rustle_unit_tests(MODULE DEPENDS modules...)               tests/unit/MODULE/*.cpp as the test unit.MODULE, each file's
+#   contents in a namespace of its own, so that several can be compiled at once
 # rustle_write_layers(file)                                  the declared layers, for the layering test
 
 set(RUSTLE_SANITIZE "" CACHE STRING "Sanitizers to build with, as -fsanitize= takes them")
@@ -85,7 +86,7 @@ function(rustle_unit_tests module)
     return()
   endif()
   rustle_program(test_${module} SOURCES ${sources} DEPENDS ${module} test_support ${arg_DEPENDS} LIBRARIES ${arg_LIBRARIES})
-  set_target_properties(test_${module} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  set_target_properties(test_${module} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests UNITY_BUILD "${CMAKE_UNITY_BUILD}")
   add_test(NAME unit.${module} COMMAND test_${module})
   set_tests_properties(unit.${module} PROPERTIES TIMEOUT 600 ENVIRONMENT "${RUSTLE_TEST_ENVIRONMENT}")
 endfunction()

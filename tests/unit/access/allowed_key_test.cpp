@@ -6,6 +6,8 @@
 #include "server/access/allowed_key.h"
 #include "server/access/gate.h"
 
+namespace allowed_key_test {
+
 using namespace rustle;
 using namespace rustle::access;
 namespace fs = std::filesystem;
@@ -93,3 +95,5 @@ TEST_CASE("a secret that others may read is not used", "[access]") {
   fs::permissions(folder.path / "server.key_secret", fs::perms::group_read, fs::perm_options::add);
   CHECK(Gate::open(folder.path).error().find("chmod 600") != std::string::npos);
 }
+
+}  // namespace allowed_key_test

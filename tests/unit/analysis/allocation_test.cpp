@@ -8,6 +8,8 @@
 #include "tests/support/counted_allocations.h"
 #include "tests/unit/analysis/contact_sheets.h"
 
+namespace allocation_test {
+
 using namespace contact_tests;
 
 TEST_CASE("A warm tracker allocates what it returns and nothing else", "[contacts]") {
@@ -88,3 +90,5 @@ TEST_CASE("A warm analyzer allocates what it returns and nothing else", "[contac
     }
   }
 }
+
+}  // namespace allocation_test

@@ -8,6 +8,8 @@
 #include "moving_sheet.h"
 #include "server/analysis/bending_activity.h"
 
+namespace bending_activity_test {
+
 using namespace rustle;
 using sheets::MeshKind;
 
@@ -175,3 +177,5 @@ TEST_CASE("after a cut in time the sheet is taken as it is", "[bending]") {
   frame.reset_history = true;
   CHECK(analyzer.analyze(frame, {}, next_id).bending.empty());
 }
+
+}  // namespace bending_activity_test

@@ -11,6 +11,8 @@
 #include "server/analysis/unfolded.h"
 #include "tests/unit/analysis/contact_sheets.h"
 
+namespace contact_patch_test {
+
 using namespace contact_tests;
 
 TEST_CASE("A flat sheet is surely unfolded, one that overlaps itself is not", "[contacts]") {
@@ -190,3 +192,5 @@ TEST_CASE("The broad phase between sheets does linear work", "[contacts]") {
     }
   }
 }
+
+}  // namespace contact_patch_test

@@ -10,6 +10,8 @@
 #include "client_sdk/sheets/motions.h"
 #include "tests/unit/analysis/contact_sheets.h"
 
+namespace contacts_test {
+
 using namespace contact_tests;
 
 TEST_CASE("A sliding flat sheet has its speed and area at any resolution and frame rate", "[contacts]") {
@@ -478,3 +480,5 @@ TEST_CASE("In the demo the front edge slides, the held edge rests and the lifted
     if (time_s > 4.6) CHECK(contacts.empty());
   }
 }
+
+}  // namespace contacts_test

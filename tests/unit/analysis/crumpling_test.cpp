@@ -7,6 +7,8 @@
 #include "client_sdk/sheets/motions.h"
 #include "moving_sheet.h"
 
+namespace crumpling_test {
+
 using namespace rustle;
 using observation::CrumplingEvent;
 using sheets::MeshKind;
@@ -238,3 +240,5 @@ TEST_CASE("the event's velocity is that of the sheet there, sent or differenced"
     CHECK(seen.crumpling[0].velocity_m_per_s.y() == Approx(2).epsilon(1e-3));
   }
 }
+
+}  // namespace crumpling_test

@@ -6,6 +6,8 @@
 
 #include "moving_sheet.h"
 
+namespace curvature_test {
+
 using namespace rustle;
 using sheets::MeshKind;
 
@@ -79,3 +81,5 @@ TEST_CASE("local bending of a cylinder is of the order of its curvature") {
   CHECK(mean > 3.6);
   CHECK(mean < 8.0);  // hinges of either sign count, those along the rulings add noise
 }
+
+}  // namespace curvature_test

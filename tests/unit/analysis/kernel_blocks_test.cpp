@@ -7,6 +7,8 @@
 
 #include "server/analysis/plane_order.h"
 
+namespace kernel_blocks_test {
+
 using namespace rustle;
 
 TEST_CASE("Blocks sum what the rows of the kernel sum, pieces apart though they overlap") {
@@ -46,3 +48,5 @@ TEST_CASE("Blocks sum what the rows of the kernel sum, pieces apart though they 
     CHECK(last[order[block.first_target]] == Approx(2.0f * weights * 3.0f).epsilon(1e-5));
   }
 }
+
+}  // namespace kernel_blocks_test

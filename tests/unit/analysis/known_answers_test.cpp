@@ -10,6 +10,8 @@
 #include "client_sdk/sheets/known_regions.h"
 #include "moving_sheet.h"
 
+namespace known_answers_test {
+
 using namespace rustle;
 using observation::Resonator;
 using sheets::KnownRegion;
@@ -198,3 +200,5 @@ TEST_CASE("the coarse proxy of a fine mesh gives the answers of the mesh itself 
     }
   }
 }
+
+}  // namespace known_answers_test

@@ -11,6 +11,8 @@
 #include "moving_sheet.h"
 #include "server/scene/scene_state.h"
 
+namespace mesh_flaws_test {
+
 using namespace rustle;
 using observation::Observation;
 using observation::Resonator;
@@ -349,3 +351,5 @@ TEST_CASE("a curved sheet known only by its positions is unfolded: the answers o
     }
   }
 }
+
+}  // namespace mesh_flaws_test

@@ -8,6 +8,8 @@
 #include "moving_sheet.h"
 #include "server/analysis/curvature.h"
 
+namespace plane_lattice_test {
+
 using namespace rustle;
 
 namespace {
@@ -84,3 +86,5 @@ TEST_CASE("a lattice carries linear fields exactly, and keeps pieces and wider k
     CHECK(lattice.radius_m[lattice.places[i].point[0]] == radii[i]);
   }
 }
+
+}  // namespace plane_lattice_test

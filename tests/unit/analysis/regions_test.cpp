@@ -10,6 +10,8 @@
 #include "server/analysis/resonators.h"
 #include "server/scene/scene_state.h"
 
+namespace regions_test {
+
 using namespace rustle;
 using observation::Resonator;
 using sheets::MeshKind;
@@ -300,3 +302,5 @@ TEST_CASE("broken and tiny meshes pass through, finite") {
   CHECK(analyzer.analyze(empty, surroundings, next_id).crumpling.empty());
   CHECK(analysis::picture_regions(empty, {}).map.region_count == 0);
 }
+
+}  // namespace regions_test

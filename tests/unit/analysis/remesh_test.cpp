@@ -10,6 +10,8 @@
 
 #include "moving_sheet.h"
 
+namespace remesh_test {
+
 using namespace rustle;
 using observation::CrumplingEvent;
 using sheets::MeshKind;
@@ -278,3 +280,5 @@ TEST_CASE("a mesh that is new at every frame, without material coordinates, is s
     CHECK(r.changes.history_lost == 18);
   }
 }
+
+}  // namespace remesh_test

@@ -12,6 +12,8 @@
 #include "moving_sheet.h"
 #include "tests/support/animated_frames.h"
 
+namespace reversal_test {
+
 using namespace rustle;
 using observation::CrumplingEvent;
 using sheets::MeshKind;
@@ -178,3 +180,5 @@ TEST_CASE("a frame in which the sheet is exactly flat is the date", "[reversal]"
   REQUIRE(!events.empty());
   CHECK(events[0].time_s == Approx(24 / rate_hz).margin(1e-3));
 }
+
+}  // namespace reversal_test

@@ -8,6 +8,8 @@
 
 #include "server/analysis/rigid_motion.h"
 
+namespace rigid_motion_test {
+
 namespace {
 
 using rustle::analysis::nearest_rigid_motion;
@@ -57,3 +59,5 @@ TEST_CASE("What bends both ways about its place does not turn, and what has no r
 }
 
 }  // namespace
+
+}  // namespace rigid_motion_test

@@ -7,6 +7,8 @@
 
 #include "tests/unit/sheet/meshes.h"
 
+namespace rulings_test {
+
 using namespace rustle;
 using sheet::Vec2f;
 
@@ -77,3 +79,5 @@ TEST_CASE("triangles next to each other along the curve are near each other in t
   }
   CHECK(mean_m / static_cast<double>(order.size() - 1) < 0.012);
 }
+
+}  // namespace rulings_test

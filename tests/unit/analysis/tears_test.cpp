@@ -14,6 +14,8 @@
 #include "moving_sheet.h"
 #include "sound_db/dsp/random.h"
 
+namespace tears_test {
+
 using namespace rustle;
 using observation::TearEvent;
 using sheet::Vec3d;
@@ -429,3 +431,5 @@ TEST_CASE("tips that are sent replace what the mesh shows") {
     if (k < 6) CHECK(tears[0].torn_m == Approx(0.5 * static_cast<double>(k) / kRate_hz));
   }
 }
+
+}  // namespace tears_test

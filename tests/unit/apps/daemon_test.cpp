@@ -12,6 +12,8 @@
 #include "client_sdk/sheets/demos.h"
 #include "server/apps/daemon.h"
 
+namespace daemon_test {
+
 using namespace rustle;
 using namespace std::chrono_literals;
 
@@ -248,3 +250,5 @@ TEST_CASE("a session is recorded by its client's word, and told what is stored",
   CHECK(std::distance(std::filesystem::directory_iterator(folder), {}) == 2);
   std::filesystem::remove_all(folder);
 }
+
+}  // namespace daemon_test

@@ -6,6 +6,8 @@
 #include "server/apps/directed_source.h"
 #include "server/wire/decisions.h"
 
+namespace directed_source_test {
+
 namespace {
 
 using namespace rustle;
@@ -173,3 +175,5 @@ TEST_CASE("a recording is a capture like any other to who asks for its items", "
   while (source.next()) ++items;
   CHECK(items == 3);
 }
+
+}  // namespace directed_source_test

@@ -3,6 +3,8 @@
 #include <catch2/catch.hpp>
 #include <limits>
 
+namespace gain_text_test {
+
 using rustle::apps::parse_gain;
 using rustle::apps::to_text;
 using rustle::synthesis::Gain;
@@ -58,3 +60,5 @@ TEST_CASE("what is no gain is quoted beside what would be one", "[apps]") {
     CHECK(read.error().find("sheet:2,friction=-inf") != std::string::npos);
   }
 }
+
+}  // namespace gain_text_test

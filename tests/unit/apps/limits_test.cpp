@@ -16,6 +16,8 @@
 #include "server/wire/socket.h"
 #include "tests/unit/wire/messages.h"
 
+namespace limits_test {
+
 /// The tables of client_sdk/guides/limits.md against the code: every row is tried at its limit and beyond it, and there is
 /// no row that is not tried.
 namespace {
@@ -447,3 +449,5 @@ TEST_CASE("what is no number is refused as that wherever numbers are taken", "[l
       CHECK(code_name(error->code) == "not_finite");
     }
 }
+
+}  // namespace limits_test

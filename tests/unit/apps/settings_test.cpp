@@ -8,6 +8,8 @@
 #include "server/apps/configuration.h"
 #include "server/apps/settings.h"
 
+namespace settings_test {
+
 using namespace rustle::apps;
 
 namespace {
@@ -183,3 +185,5 @@ TEST_CASE("the daemon's own settings read back as printed, and say what no endpo
   REQUIRE(errors.size() == 1);
   CHECK(errors[0].text().find(":2: network.control udp://127.0.0.1:7390: no endpoint") != std::string::npos);
 }
+
+}  // namespace settings_test

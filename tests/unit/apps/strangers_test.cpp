@@ -3,6 +3,8 @@
 #include "rustle/v1/session.pb.h"
 #include "server/apps/strangers.h"
 
+namespace strangers_test {
+
 using namespace rustle;
 using namespace rustle::apps;
 using namespace std::chrono_literals;
@@ -64,3 +66,5 @@ TEST_CASE("strangers are held to messages, to bytes, and to bytes together", "[a
     CHECK(strangers.meet("four", 2s) != nullptr);
   }
 }
+
+}  // namespace strangers_test

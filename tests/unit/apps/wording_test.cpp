@@ -2,6 +2,8 @@
 
 #include "server/apps/wording.h"
 
+namespace wording_test {
+
 using namespace rustle::apps;
 
 TEST_CASE("one is singular", "[apps]") {
@@ -17,3 +19,5 @@ TEST_CASE("losses are told where there are any", "[apps]") {
   CHECK(to_string(Losses{.voices_stolen = 3, .cues_dropped = 1}) == "lost: 3 voices stolen, 1 cue dropped");
   CHECK(to_string(Losses{.sounds_missing = 1}) == "lost: 1 sound missing in the pack");
 }
+
+}  // namespace wording_test

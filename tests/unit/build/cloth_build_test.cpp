@@ -18,7 +18,7 @@
 #include "sound_db/pack/write.h"
 #include "tests/unit/pack/example_pack.h"
 
-namespace rustle::build {
+namespace rustle::build::cloth_build_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -238,4 +238,4 @@ TEST_CASE("recorded cloth makes a pack that passes its check") {
 }
 
 }  // namespace
-}  // namespace rustle::build
+}  // namespace rustle::build::cloth_build_test

@@ -16,6 +16,8 @@
 #include "sound_db/pack/spectra.h"
 #include "sound_db/pack/write.h"
 
+namespace test_build {
+
 using namespace rustle;
 using namespace rustle::build;
 using namespace rustle::build::test;
@@ -468,3 +470,5 @@ TEST_CASE("What cannot be built is refused with the file and a remedy") {
              Contains("none.csv"));
   CHECK_THAT(complaint(take("flap.wav", "class = \"tear\"\n")), Contains("only tears and cloth"));
 }
+
+}  // namespace test_build

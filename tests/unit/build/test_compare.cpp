@@ -11,6 +11,8 @@
 #include "sound_db/dsp/statistics.h"
 #include "sound_db/pack/load.h"
 
+namespace test_compare {
+
 using namespace rustle;
 using namespace rustle::build;
 using namespace rustle::build::test;
@@ -217,3 +219,5 @@ TEST_CASE("Features of real recordings agree with an independent implementation 
     CHECK(features.mfcc[2] == Approx(known.mfcc_2).margin(0.1));
   }
 }
+
+}  // namespace test_compare

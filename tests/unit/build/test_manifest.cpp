@@ -4,6 +4,8 @@
 #include "sound_db/build/build_manifest.h"
 #include "sound_db/build/speed_track.h"
 
+namespace test_manifest {
+
 using namespace rustle;
 using namespace rustle::build;
 using test::Folder;
@@ -155,3 +157,5 @@ TEST_CASE("Speed tracks go straight between their points; a wrong line is named"
   CHECK_THAT(wrong("# nothing\n"), Catch::Contains("no \"time,speed\""));
   CHECK_FALSE(read_speed_track(folder / "none.csv"));
 }
+
+}  // namespace test_manifest

@@ -14,7 +14,7 @@
 #include "tests/unit/capture/memory_file.h"
 #include "tests/unit/capture/small_capture.h"
 
-namespace rustle::capture {
+namespace rustle::capture::capture_test {
 namespace {
 
 std::vector<CaptureRecord> small_records() {
@@ -240,4 +240,4 @@ TEST_CASE("the stored capture of version 1 is read for good") {
   CHECK(std::filesystem::file_size(path) < 150'000);
 }
 
-}  // namespace rustle::capture
+}  // namespace rustle::capture::capture_test

@@ -19,7 +19,7 @@
 #include "tests/unit/capture/npz_builder.h"
 #include "tests/unit/capture/scratch_folder.h"
 
-namespace rustle::capture {
+namespace rustle::capture::import_test {
 namespace {
 
 using Entries = std::vector<std::pair<std::string, std::string>>;
@@ -651,4 +651,4 @@ TEST_CASE("mesh sequences come in natural order and send a topology when faces c
   }
 }
 
-}  // namespace rustle::capture
+}  // namespace rustle::capture::import_test

@@ -7,7 +7,7 @@
 #include "client_sdk/capture/mcap_writer.h"
 #include "tests/unit/capture/memory_file.h"
 
-namespace rustle::capture {
+namespace rustle::capture::mcap_test {
 namespace {
 
 struct Stored {
@@ -355,4 +355,4 @@ TEST_CASE("a file that cannot be made or opened says why") {
   CHECK(opened.error().remedy == "give a file, not a folder");
 }
 
-}  // namespace rustle::capture
+}  // namespace rustle::capture::mcap_test

@@ -7,6 +7,8 @@
 
 #include "client_sdk/cpp/certificate.h"
 
+namespace certificate_test {
+
 using namespace rustle::client;
 namespace fs = std::filesystem;
 
@@ -84,3 +86,5 @@ TEST_CASE("secrets are for their owner, and a folder holds one", "[client][certi
   CHECK(write_certificate(folder / "none/x.key", own, false).error().message.find("cannot be written") != std::string::npos);
   fs::remove_all(folder);
 }
+
+}  // namespace certificate_test

@@ -6,6 +6,8 @@
 #include "client_sdk/cpp/session.h"
 #include "tests/unit/client/fake_daemon.h"
 
+namespace pcm_reader_test {
+
 using namespace rustle::client;
 using namespace rustle::client::test;
 using namespace std::chrono_literals;
@@ -264,3 +266,5 @@ TEST_CASE("impossible requests", "[client][pcm]") {
   FakeDaemon daemon({});
   CHECK(PcmReader::listen(connect(daemon), "s1", {.content = MixContent{}, .blocks = 5}).error().field == "blocks");
 }
+
+}  // namespace pcm_reader_test

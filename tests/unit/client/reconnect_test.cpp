@@ -7,6 +7,8 @@
 #include "client_sdk/cpp/session.h"
 #include "tests/unit/client/fake_daemon.h"
 
+namespace reconnect_test {
+
 /// A daemon that dies and comes back: what the session does about it, what the new daemon is told, what readers mark.
 using namespace rustle::client;
 using namespace rustle::client::test;
@@ -360,3 +362,5 @@ TEST_CASE("a whole stream in one piece, its gaps silent and named", "[client][pc
   for (std::size_t k = 0; k < 260; ++k)
     CHECK(sound->interleaved[2 * k] == ((k >= 100 && k < 150) || k >= 250 ? 0.0f : 0.5f));
 }
+
+}  // namespace reconnect_test

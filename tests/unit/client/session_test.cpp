@@ -10,6 +10,8 @@
 #include "server/wire/decode.h"
 #include "tests/unit/client/fake_daemon.h"
 
+namespace session_test {
+
 using namespace rustle::client;
 using namespace rustle::client::test;
 using namespace std::chrono_literals;
@@ -516,3 +518,5 @@ TEST_CASE("every figure of the statistics has its name and value", "[client]") {
   CHECK(names.contains("samples_in_gaps"));
   CHECK(names.size() == static_cast<std::size_t>(v1::Statistics::descriptor()->field_count()) - 2);
 }
+
+}  // namespace session_test

@@ -4,6 +4,8 @@
 
 #include "client_sdk/cpp/standing.h"
 
+namespace standing_test {
+
 using rustle::client::internal::Standing;
 namespace v1 = rustle::v1;
 
@@ -97,3 +99,5 @@ TEST_CASE("sheets come first, then topologies, the scene and the listener", "[cl
   standing.take(end);
   CHECK(standing.ended());
 }
+
+}  // namespace standing_test

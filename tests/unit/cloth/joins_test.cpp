@@ -10,7 +10,7 @@
 #include "sound_db/dsp/filter.h"
 #include "sound_db/dsp/random.h"
 
-namespace rustle::cloth {
+namespace rustle::cloth::joins_test {
 namespace {
 
 constexpr std::uint32_t kUnit = 200;
@@ -134,4 +134,4 @@ TEST_CASE("a run that is ended goes on as another, joined like any") {
 }
 
 }  // namespace
-}  // namespace rustle::cloth
+}  // namespace rustle::cloth::joins_test

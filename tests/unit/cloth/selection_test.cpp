@@ -11,7 +11,7 @@
 #include "server/synthesis/cloth/unit_selector.h"
 #include "tests/unit/cloth/made_up_features.h"
 
-namespace rustle::cloth {
+namespace rustle::cloth::selection_test {
 namespace {
 
 using made_up::Features;
@@ -204,4 +204,4 @@ TEST_CASE("the global optimum is the least of all sequences") {
 }
 
 }  // namespace
-}  // namespace rustle::cloth
+}  // namespace rustle::cloth::selection_test

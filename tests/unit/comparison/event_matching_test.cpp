@@ -7,6 +7,8 @@
 
 #include <catch2/catch.hpp>
 
+namespace event_matching_test {
+
 using namespace rustle::comparison;
 
 namespace {
@@ -105,3 +107,5 @@ TEST_CASE("an event list is read without continuations, and a bad line is named"
     CHECK(wrong.error().find("line 1") != std::string::npos);
   }
 }
+
+}  // namespace event_matching_test

@@ -6,6 +6,8 @@
 
 #include <catch2/catch.hpp>
 
+namespace sound_difference_test {
+
 using namespace rustle::comparison;
 
 namespace {
@@ -77,3 +79,5 @@ TEST_CASE("white noise is as loud in its third octaves as their widths say, and 
   CHECK(told.other_track_db.back() < -100);
   CHECK(told.reference_track_db.back() == Approx(-20).margin(0.5));
 }
+
+}  // namespace sound_difference_test

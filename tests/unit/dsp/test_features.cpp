@@ -7,6 +7,8 @@
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/random.h"
 
+namespace test_features {
+
 using namespace rustle;
 
 namespace {
@@ -97,3 +99,5 @@ TEST_CASE("Bandwidth of a flat spectrum is its width over the root of twelve") {
   CHECK(dsp::spectral_bandwidth_hz(flat, 48000, 1000, 7000) == Approx(6000 / std::sqrt(12.0)).epsilon(0.01));
   CHECK(dsp::spectral_bandwidth_hz(std::vector<float>(1025, 0.0f), 48000) == 0);
 }
+
+}  // namespace test_features

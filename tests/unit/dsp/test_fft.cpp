@@ -7,6 +7,8 @@
 #include "sound_db/dsp/random.h"
 #include "sound_db/dsp/window.h"
 
+namespace test_fft {
+
 using namespace rustle;
 
 namespace {
@@ -70,3 +72,5 @@ TEST_CASE("squares of the sine window and Hann windows add to one at half overla
     CHECK(hann[n] + hann[n + 256] == Approx(1).epsilon(1e-5));
   }
 }
+
+}  // namespace test_fft

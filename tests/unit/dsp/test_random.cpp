@@ -4,6 +4,8 @@
 
 #include "sound_db/dsp/random.h"
 
+namespace test_random {
+
 using namespace rustle;
 
 TEST_CASE("the stream is fixed for good") {
@@ -53,3 +55,5 @@ TEST_CASE("uniform, normal, index and Pareto have the moments they claim") {
   const double expected = (std::pow(1e-2, -0.4) - 1) / (std::pow(1e-4, -0.4) - 1);
   CHECK(above_geometric_mean / double(count) == Approx(expected).epsilon(0.03));
 }
+
+}  // namespace test_random

@@ -10,6 +10,8 @@
 #include "sound_db/dsp/statistics.h"
 #include "sound_db/dsp/stft.h"
 
+namespace test_signal {
+
 using namespace rustle;
 
 namespace {
@@ -120,3 +122,5 @@ TEST_CASE("histograms keep area; the centroid of a line is its frequency; kurtos
   CHECK(dsp::kurtosis(noise) == Approx(3).margin(0.1));
   CHECK(dsp::kurtosis(clicks) > 50);
 }
+
+}  // namespace test_signal

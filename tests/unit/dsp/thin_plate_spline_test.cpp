@@ -8,7 +8,7 @@
 #include "sound_db/dsp/random.h"
 #include "sound_db/dsp/thin_plate_spline.h"
 
-namespace rustle::dsp {
+namespace rustle::dsp::thin_plate_spline_test {
 namespace {
 
 constexpr int kDims = 3;
@@ -156,4 +156,4 @@ TEST_CASE("Few, flat or equal nodes still give a warp") {
 }
 
 }  // namespace
-}  // namespace rustle::dsp
+}  // namespace rustle::dsp::thin_plate_spline_test

@@ -8,7 +8,7 @@
 #include "sound_db/dsp/resample.h"
 #include "sound_db/dsp/unit_features.h"
 
-namespace rustle::dsp {
+namespace rustle::dsp::unit_features_test {
 namespace {
 
 std::vector<float> noise(std::size_t count, double level, std::uint64_t seed) {
@@ -139,4 +139,4 @@ TEST_CASE("Filtered unit by unit, the same bits") {
 }
 
 }  // namespace
-}  // namespace rustle::dsp
+}  // namespace rustle::dsp::unit_features_test

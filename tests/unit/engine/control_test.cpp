@@ -8,6 +8,8 @@
 #include "server/engine/render.h"
 #include "tests/support/animated_frames.h"
 
+namespace control_test {
+
 /// Gains and packs that are changed between the items of a stream.
 namespace {
 
@@ -179,3 +181,5 @@ TEST_CASE("A change that cannot be made is refused with a remedy, and what was i
 }
 
 }  // namespace
+
+}  // namespace control_test

@@ -8,6 +8,8 @@
 #include "server/engine/render.h"
 #include "tests/support/animated_frames.h"
 
+namespace engine_test {
+
 namespace {
 
 using namespace rustle;
@@ -180,3 +182,5 @@ TEST_CASE("What cannot be taken is refused with a remedy, and the session goes o
 }
 
 }  // namespace
+
+}  // namespace engine_test

@@ -7,6 +7,8 @@
 #include "server/engine/render.h"
 #include "tests/support/animated_frames.h"
 
+namespace load_level_test {
+
 /// What a session does without at each load level.
 namespace {
 
@@ -119,3 +121,5 @@ TEST_CASE("Full quality comes back with level 0, and nothing is lost on the way 
 }
 
 }  // namespace
+
+}  // namespace load_level_test

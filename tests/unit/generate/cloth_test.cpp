@@ -26,7 +26,7 @@
 #include "sound_db/pack/spectra.h"
 #include "tests/unit/pack/example_pack.h"
 
-namespace rustle::generate {
+namespace rustle::generate::cloth_test {
 namespace {
 
 constexpr double kRate_hz = 48000;
@@ -320,4 +320,4 @@ TEST_CASE("centroid and spread of features lie among those of recorded cloth") {
 }
 
 }  // namespace
-}  // namespace rustle::generate
+}  // namespace rustle::generate::cloth_test

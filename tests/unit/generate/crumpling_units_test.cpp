@@ -5,6 +5,8 @@
 #include "sound_db/generate/crumpling_unit.h"
 #include "tests/unit/generate/measures.h"
 
+namespace crumpling_units_test {
+
 using namespace rustle;
 using namespace rustle::generate;
 using pack::GridPoint;
@@ -200,3 +202,5 @@ TEST_CASE("clacs vary in brightness and level, tracing paper's are the brightest
   CHECK(means[1] > 1.1 * means[0]);
   CHECK(means[2] < 0.93 * means[0]);
 }
+
+}  // namespace crumpling_units_test

@@ -7,6 +7,8 @@
 #include "sound_db/pack/emission.h"
 #include "tests/unit/generate/measures.h"
 
+namespace friction_spectra_test {
+
 using namespace rustle;
 using namespace rustle::generate;
 using pack::GridPoint;
@@ -207,3 +209,5 @@ TEST_CASE("a flat sheet is 11 dB below a bent one, near white") {
   CHECK(dsp::gain_to_db(flat[300] / flat[40]) > -4);
   CHECK(dsp::quadratic_form_distance(dsp::spectrum_histogram(flat), dsp::spectrum_histogram(bent)) > 0.05);
 }
+
+}  // namespace friction_spectra_test

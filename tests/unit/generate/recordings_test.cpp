@@ -9,6 +9,8 @@
 #include "sound_db/dsp/resample.h"
 #include "tests/unit/generate/measures.h"
 
+namespace recordings_test {
+
 using namespace rustle;
 using namespace rustle::generate;
 
@@ -175,3 +177,5 @@ TEST_CASE("the ranges are those of the recordings beside this repository") {
     CHECK(real.kurtosis.most == Approx(measured[kind].kurtosis.most).epsilon(0.05));
   }
 }
+
+}  // namespace recordings_test

@@ -12,6 +12,8 @@
 #include "tests/unit/generate/measures.h"
 #include "tests/unit/pack/example_pack.h"
 
+namespace test_generate {
+
 using namespace rustle;
 using namespace rustle::generate;
 
@@ -96,3 +98,5 @@ TEST_CASE("a generated pack is written, passes its check and loads") {
   REQUIRE_FALSE(unknown);
   CHECK(unknown.error().text().find("printer-paper") != std::string::npos);
 }
+
+}  // namespace test_generate

@@ -10,6 +10,8 @@
 #include "server/monitor/metrics.h"
 #include "server/monitor/monitor.h"
 
+namespace figures_test {
+
 namespace {
 
 using namespace rustle;
@@ -181,3 +183,5 @@ TEST_CASE("Traces are chosen by frame or message; stations that were not passed 
 }
 
 }  // namespace
+
+}  // namespace figures_test

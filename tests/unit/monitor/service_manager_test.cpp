@@ -11,6 +11,8 @@
 
 #include "server/monitor/service_manager.h"
 
+namespace service_manager_test {
+
 namespace {
 
 using namespace std::chrono_literals;
@@ -91,3 +93,5 @@ TEST_CASE("The environment says who the manager is, and whether this process is 
 }
 
 }  // namespace
+
+}  // namespace service_manager_test

@@ -16,7 +16,7 @@
 #include "sound_db/pack/write.h"
 #include "tests/unit/pack/example_pack.h"
 
-namespace rustle::pack {
+namespace rustle::pack::cloth_pack_test {
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -350,4 +350,4 @@ TEST_CASE("correspondences are cut where either side ends, and residuals fall by
 }
 
 }  // namespace
-}  // namespace rustle::pack
+}  // namespace rustle::pack::cloth_pack_test

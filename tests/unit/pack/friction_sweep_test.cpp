@@ -8,7 +8,7 @@
 #include "sound_db/pack/friction_sweep.h"
 #include "sound_db/pack/spectra.h"
 
-namespace rustle::pack {
+namespace rustle::pack::friction_sweep_test {
 namespace {
 
 constexpr double kBin_hz = 20;  // 48 kHz, 2400
@@ -141,4 +141,4 @@ TEST_CASE("Histograms of energies: share and its inverse, held at the ends") {
 }
 
 }  // namespace
-}  // namespace rustle::pack
+}  // namespace rustle::pack::friction_sweep_test

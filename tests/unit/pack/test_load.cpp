@@ -14,6 +14,8 @@
 #include "sound_db/pack/write.h"
 #include "tests/unit/pack/example_pack.h"
 
+namespace test_load {
+
 using namespace rustle;
 using namespace rustle::pack;
 using Catch::Matchers::Contains;
@@ -343,3 +345,5 @@ TEST_CASE("a check finds what will not sound as meant, and every error at once")
   CHECK(has(errors, Severity::kError, "units/4.wav"));
   CHECK(has(errors, Severity::kError, "spectra/2.npy"));
 }
+
+}  // namespace test_load

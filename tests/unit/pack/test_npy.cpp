@@ -6,6 +6,8 @@
 #include "sound_db/pack/npy.h"
 #include "tests/unit/pack/example_pack.h"
 
+namespace test_npy {
+
 using namespace rustle::pack;
 
 namespace {
@@ -80,3 +82,5 @@ TEST_CASE("other arrays are refused with the reason") {
   CHECK_THAT(reason("{'descr': '<f4', 'fortran_order': False, 'shape': (1,), }", bad), Contains("finite"));
   CHECK_FALSE(read_npy(folder.path() / "missing.npy"));
 }
+
+}  // namespace test_npy

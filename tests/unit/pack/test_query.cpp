@@ -11,6 +11,8 @@
 #include "sound_db/pack/write.h"
 #include "tests/unit/pack/example_pack.h"
 
+namespace test_query {
+
 using namespace rustle;
 using namespace rustle::pack;
 using Catch::Matchers::Contains;
@@ -257,3 +259,5 @@ TEST_CASE("a pack that could not be read is read again when asked for again") {
   CHECK_FALSE(packs.load("vellum", {}, 48000));
   CHECK(packs.load("vellum", {}, 48000));
 }
+
+}  // namespace test_query

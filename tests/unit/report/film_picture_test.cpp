@@ -8,7 +8,7 @@
 #include "server/report/sheet_drawing.h"
 #include "tests/unit/report/synthetic_input.h"
 
-namespace rustle::report {
+namespace rustle::report::film_picture_test {
 namespace {
 
 SheetView sheet_at(double time_s, float x_m) {
@@ -173,4 +173,4 @@ TEST_CASE("events and contacts show in the film, and empty frames come through")
   CHECK(film_picture(nothing).width > 0);
 }
 
-}  // namespace rustle::report
+}  // namespace rustle::report::film_picture_test

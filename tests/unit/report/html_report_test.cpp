@@ -12,7 +12,7 @@
 
 #include "tests/unit/report/synthetic_input.h"
 
-namespace rustle::report {
+namespace rustle::report::html_report_test {
 namespace {
 
 std::size_t count(const std::string& text, std::string_view what) {
@@ -168,4 +168,4 @@ TEST_CASE("a report is written as it was made, or the error names the file") {
   CHECK(refused.error().find("/nowhere/report.html") != std::string::npos);
 }
 
-}  // namespace rustle::report
+}  // namespace rustle::report::html_report_test

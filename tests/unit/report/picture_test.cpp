@@ -13,7 +13,7 @@
 #include "server/report/timeline.h"
 #include "tests/unit/report/synthetic_input.h"
 
-namespace rustle::report {
+namespace rustle::report::picture_test {
 namespace {
 
 std::uint32_t big_endian(std::string_view bytes, std::size_t at) {
@@ -263,4 +263,4 @@ TEST_CASE("both canvases take the same calls") {
   CHECK(text.markup().find("var(--crumpling)") != std::string::npos);
 }
 
-}  // namespace rustle::report
+}  // namespace rustle::report::picture_test

@@ -11,7 +11,7 @@
 #include "server/report/obstacle_wires.h"
 #include "tests/unit/report/synthetic_input.h"
 
-namespace rustle::report {
+namespace rustle::report::sheet_picture_test {
 namespace {
 
 std::size_t pixels_of(const Image& image, const Colour& colour) {
@@ -223,4 +223,4 @@ TEST_CASE("wires lie on their obstacle") {
   CHECK(obstacle_wires(obstacle, Vec3d::Zero(), 0.2).size() == 5);
 }
 
-}  // namespace rustle::report
+}  // namespace rustle::report::sheet_picture_test

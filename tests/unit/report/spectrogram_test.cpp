@@ -10,7 +10,7 @@
 #include "server/report/spectrogram_picture.h"
 #include "tests/unit/report/synthetic_input.h"
 
-namespace rustle::report {
+namespace rustle::report::spectrogram_test {
 namespace {
 
 int brightest_row(const SpectrogramGrid& grid, int column) {
@@ -114,4 +114,4 @@ TEST_CASE("windows cover a sound whose length is no multiple of theirs, at a rat
   for (const float rms_db : track.rms_db) CHECK(rms_db == Approx(-12.04).margin(0.01));
 }
 
-}  // namespace rustle::report
+}  // namespace rustle::report::spectrogram_test

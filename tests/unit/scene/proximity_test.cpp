@@ -5,6 +5,8 @@
 
 #include <catch2/catch.hpp>
 
+namespace proximity_test {
+
 namespace {
 
 using namespace rustle::scene;
@@ -258,3 +260,5 @@ TEST_CASE("The grid's work grows linearly with the triangles", "[proximity]") {
     visits_before = static_cast<double>(visits) / triangles;
   }
 }
+
+}  // namespace proximity_test

@@ -4,6 +4,8 @@
 
 #include <catch2/catch.hpp>
 
+namespace scene_state_test {
+
 namespace {
 
 using namespace rustle::scene;
@@ -185,3 +187,5 @@ TEST_CASE("The listener moves linearly", "[scene]") {
   REQUIRE_FALSE(result);
   CHECK(result.error().find("time_s") != std::string::npos);
 }
+
+}  // namespace scene_state_test

@@ -11,6 +11,8 @@
 #include "server/session/settled_options.h"
 #include "tests/support/animated_frames.h"
 
+namespace decisions_test {
+
 namespace {
 
 using namespace rustle;
@@ -424,3 +426,5 @@ TEST_CASE("Nothing is kept of a session that is not recorded") {
   live.analyse();
   CHECK(live.decisions().take().empty());
 }
+
+}  // namespace decisions_test

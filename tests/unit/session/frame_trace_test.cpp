@@ -15,6 +15,8 @@
 #include "server/session/worker_thread.h"
 #include "tests/support/animated_frames.h"
 
+namespace frame_trace_test {
+
 namespace {
 
 using namespace rustle;
@@ -251,3 +253,5 @@ TEST_CASE("Run delay grows while a thread competes for a processor, and notes te
 }
 
 }  // namespace
+
+}  // namespace frame_trace_test

@@ -9,6 +9,8 @@
 #include "server/session/session.h"
 #include "tests/support/animated_frames.h"
 
+namespace idle_session_test {
+
 namespace {
 
 using namespace rustle;
@@ -130,3 +132,5 @@ TEST_CASE("What analysis hands over ends a session's idleness at once") {
 }
 
 }  // namespace
+
+}  // namespace idle_session_test

@@ -6,6 +6,8 @@
 
 #include "server/session/inbox.h"
 
+namespace inbox_test {
+
 namespace {
 
 using namespace rustle;
@@ -246,3 +248,5 @@ TEST_CASE("On the simulation clock all is taken as it came") {
 }
 
 }  // namespace
+
+}  // namespace inbox_test

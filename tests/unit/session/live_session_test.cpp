@@ -9,6 +9,8 @@
 #include "server/session/session.h"
 #include "tests/support/animated_frames.h"
 
+namespace live_session_test {
+
 namespace {
 
 using namespace rustle;
@@ -286,3 +288,5 @@ TEST_CASE("Scene and listener that come before the first frame are in force when
 }
 
 }  // namespace
+
+}  // namespace live_session_test

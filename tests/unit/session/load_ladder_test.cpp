@@ -5,6 +5,8 @@
 #include "server/session/allowance.h"
 #include "server/session/load_ladder.h"
 
+namespace load_ladder_test {
+
 namespace {
 
 using namespace rustle;
@@ -96,3 +98,5 @@ TEST_CASE("An allowance gives its rate over time, half a second's worth at once,
 }
 
 }  // namespace
+
+}  // namespace load_ladder_test

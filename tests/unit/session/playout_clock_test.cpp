@@ -7,6 +7,8 @@
 
 #include "server/session/playout_clock.h"
 
+namespace playout_clock_test {
+
 namespace {
 
 using rustle::session::PlayoutClock;
@@ -317,3 +319,5 @@ TEST_CASE("The same arrivals give the same maps, bit for bit") {
 }
 
 }  // namespace
+
+}  // namespace playout_clock_test

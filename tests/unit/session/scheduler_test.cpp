@@ -2,6 +2,8 @@
 
 #include <catch2/catch.hpp>
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -13,6 +15,8 @@
 #include "server/session/offline.h"
 #include "server/session/settled_options.h"
 #include "tests/support/animated_frames.h"
+
+namespace scheduler_test {
 
 namespace {
 
@@ -250,7 +254,7 @@ TEST_CASE("Sessions on several analysis and render workers keep their order, and
   std::vector<std::shared_ptr<session::Session>> held;
   for (int k = 0; k < kSessions; ++k) {
     const auto n = static_cast<std::size_t>(k);
-    held.push_back(std::make_shared<session::Session>("s" + std::to_string(k), options[n], packs(), clock));
+    held.push_back(std::make_shared<session::Session>(fmt::format("s{}", k), options[n], packs(), clock));
     scheduler.add(held.back());
   }
   std::vector<std::vector<float>> threaded(kSessions);
@@ -305,3 +309,5 @@ TEST_CASE("Sessions on several analysis and render workers keep their order, and
 }
 
 }  // namespace
+
+}  // namespace scheduler_test

@@ -14,6 +14,8 @@
 #include "server/session/spsc_ring.h"
 #include "tests/support/animated_frames.h"
 
+namespace session_test {
+
 namespace {
 
 using namespace rustle;
@@ -330,3 +332,5 @@ TEST_CASE("A sender's drift shows through the jitter of its messages") {
 }
 
 }  // namespace
+
+}  // namespace session_test

@@ -11,6 +11,8 @@
 #include "tests/support/animated_frames.h"
 #include "tests/support/counted_allocations.h"
 
+namespace taps_test {
+
 namespace {
 
 using namespace rustle;
@@ -293,3 +295,5 @@ TEST_CASE("Taps are opened, fed and closed by two threads at once") {
   render.join();
   CHECK(served == 2000);
 }
+
+}  // namespace taps_test

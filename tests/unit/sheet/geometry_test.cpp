@@ -11,6 +11,8 @@
 #include "server/sheet/proxy.h"
 #include "server/sheet/rest_plane.h"
 
+namespace geometry_test {
+
 using namespace rustle;
 using sheet::Vec2d;
 using sheet::Vec2f;
@@ -199,3 +201,5 @@ TEST_CASE("a hole stays open in the proxy, and a crack makes none") {
   CHECK(cracked->border_edges().size() == 400 + 100);
   CHECK_FALSE(sheet::coarse_proxy(*cracked, sheet::rest_plane(*cracked, {}), 1333).has_value());
 }
+
+}  // namespace geometry_test

@@ -6,6 +6,8 @@
 
 #include "meshes.h"
 
+namespace topology_test {
+
 using namespace rustle;
 using sheet::Topology;
 
@@ -65,3 +67,5 @@ TEST_CASE("flaws are tolerated and counted") {
   CHECK_FALSE(twisted->interior_edges()[0].consistent);
   CHECK(test::topology(0, {})->triangle_count() == 0);
 }
+
+}  // namespace topology_test

@@ -6,6 +6,8 @@
 
 #include "meshes.h"
 
+namespace transfer_test {
+
 using namespace rustle;
 using sheet::Vec2f;
 using sheet::Vec3f;
@@ -125,3 +127,5 @@ TEST_CASE("the same structure is known without being the same object") {
   moved[3].x() += 0.001f;
   CHECK_FALSE(sheet::same_structure(*a, *test::topology(grid.uv_m.size(), grid.triangles, moved)));
 }
+
+}  // namespace transfer_test

@@ -9,6 +9,8 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
+namespace known_regions_test {
+
 using namespace rustle::sheets;
 
 TEST_CASE("The answers of sheets bent along a side are those of the formulas") {
@@ -80,3 +82,5 @@ TEST_CASE("The answers are those of the reference implementation") {
     }
   }
 }
+
+}  // namespace known_regions_test

@@ -6,6 +6,8 @@
 
 #include <catch2/catch.hpp>
 
+namespace loops_test {
+
 namespace {
 
 using namespace rustle::sheets;
@@ -69,3 +71,5 @@ TEST_CASE("The loop of tears begins with a fresh sheet, cuts its mesh again and 
 }
 
 }  // namespace
+
+}  // namespace loops_test

@@ -9,6 +9,8 @@
 #include "client_sdk/sheets/demos.h"
 #include "client_sdk/sheets/motions.h"
 
+namespace sheets_test {
+
 namespace {
 
 using namespace rustle::sheets;
@@ -300,3 +302,5 @@ TEST_CASE("The whole demo holds, releases and lifts its edges", "[demos]") {
   CHECK_FALSE(front_is_still(0.4, 1.5));  // it slides toward the back edge
   CHECK(front_is_still(3.1, 3.8));        // the sheet stands up on it
 }
+
+}  // namespace sheets_test

@@ -8,6 +8,8 @@
 #include "client_sdk/sheets/tearing_direction.h"
 #include "client_sdk/sheets/tearing_sheet.h"
 
+namespace tearing_cone_test {
+
 namespace {
 
 using namespace rustle::sheets;
@@ -153,3 +155,5 @@ TEST_CASE("Hands that move apart tear up to the point where both regions meet ag
 }
 
 }  // namespace
+
+}  // namespace tearing_cone_test

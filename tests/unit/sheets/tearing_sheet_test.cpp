@@ -15,6 +15,8 @@
 #include "client_sdk/sheets/stream_demos.h"
 #include "client_sdk/sheets/tearing_scripts.h"
 
+namespace tearing_sheet_test {
+
 namespace {
 
 using namespace rustle::sheets;
@@ -388,3 +390,5 @@ TEST_CASE("Demos stream, those that are torn with new topologies and tips, the o
 }
 
 }  // namespace
+
+}  // namespace tearing_sheet_test

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <numbers>
 
+namespace opus_stream_test {
+
 using namespace rustle::sinks;
 
 namespace {
@@ -128,3 +130,5 @@ TEST_CASE("Opus has five rates") {
   for (const std::uint32_t rate_hz : {0U, 11025U, 22050U, 44100U, 96000U, 192000U})
     CHECK_FALSE(OpusStream::has_rate(rate_hz));
 }
+
+}  // namespace opus_stream_test

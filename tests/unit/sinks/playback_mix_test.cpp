@@ -6,6 +6,8 @@
 
 #include "server/sinks/playback_mix.h"
 
+namespace playback_mix_test {
+
 namespace {
 
 using rustle::sinks::PlaybackMix;
@@ -171,3 +173,5 @@ TEST_CASE("What comes faster than it is heard is bounded and counted, and many s
 }
 
 }  // namespace
+
+}  // namespace playback_mix_test

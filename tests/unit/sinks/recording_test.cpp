@@ -10,6 +10,8 @@
 #include "server/sinks/recording.h"
 #include "tests/unit/capture/memory_file.h"
 
+namespace recording_test {
+
 namespace {
 
 using namespace rustle;
@@ -236,3 +238,5 @@ TEST_CASE("A record larger than the queue goes alone", "[sinks][recording]") {
   CHECK_FALSE(recording.state().failure.has_value());
   CHECK(read_back(disk->bytes).size() == 1);
 }
+
+}  // namespace recording_test

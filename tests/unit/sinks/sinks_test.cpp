@@ -10,6 +10,8 @@
 #include "server/sinks/event_log.h"
 #include "server/sinks/wav.h"
 
+namespace sinks_test {
+
 namespace {
 
 using namespace rustle;
@@ -133,3 +135,5 @@ TEST_CASE("Events come in the order of time, as JSON lines with the promised fie
 }
 
 }  // namespace
+
+}  // namespace sinks_test

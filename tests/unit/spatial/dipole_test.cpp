@@ -10,6 +10,8 @@
 #include "server/spatial/transfer.h"
 #include "sound_db/dsp/random.h"
 
+namespace dipole_test {
+
 using namespace rustle::spatial;
 
 namespace {
@@ -170,3 +172,5 @@ TEST_CASE("The magnitude over a table is eq. 6: g0² + g1² + 2 g0 g1 cos(ωΔt)
     }
   }
 }
+
+}  // namespace dipole_test

@@ -20,6 +20,8 @@
 #include "server/spatial/structural_head.h"
 #include "sound_db/dsp/random.h"
 
+namespace hrtf_test {
+
 using namespace rustle::spatial;
 
 namespace {
@@ -288,3 +290,5 @@ TEST_CASE("A file that is no measured head is refused in a sentence that names i
   REQUIRE_FALSE(unknown);
   CHECK(unknown.error().find("no-such-head") != std::string::npos);
 }
+
+}  // namespace hrtf_test

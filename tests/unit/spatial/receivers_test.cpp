@@ -8,6 +8,8 @@
 #include "server/spatial/dipole.h"
 #include "sound_db/dsp/random.h"
 
+namespace receivers_test {
+
 using namespace rustle::spatial;
 
 namespace {
@@ -82,3 +84,5 @@ TEST_CASE("Mono is one point at the listener") {
   CHECK(one[0].position_m == Vec3{1, 2, 3});
   CHECK(one[0].shape == 0.0);
 }
+
+}  // namespace receivers_test

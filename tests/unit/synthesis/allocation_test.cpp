@@ -5,6 +5,8 @@
 #include "tests/support/counted_allocations.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace allocation_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 
@@ -53,3 +55,5 @@ TEST_CASE("Taking cues and rendering allocate nothing, stealing, overflow and em
   CHECK(rig.mixer.counters().sources_dropped > 0);
   CHECK(rig.mixer.counters().cues_dropped > 0);
 }
+
+}  // namespace allocation_test

@@ -14,6 +14,8 @@
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/random.h"
 
+namespace binaural_test {
+
 using namespace rustle::synthesis;
 namespace spatial = rustle::spatial;
 namespace dsp = rustle::dsp;
@@ -219,3 +221,5 @@ TEST_CASE("Buses ring on by themselves after their last voice, and then there is
   stage.run(640);
   CHECK(stage.mixer.silent());
 }
+
+}  // namespace binaural_test

@@ -6,6 +6,8 @@
 
 #include "tests/unit/synthesis/rig.h"
 
+namespace crumpling_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace spatial = rustle::spatial;
@@ -235,3 +237,5 @@ TEST_CASE("Above the voice limit the quietest fades away, without a step") {
   for (std::size_t n = 1; n < x.size(); ++n) steepest = std::max(steepest, std::abs(x[n] - x[n - 1]));
   CHECK(steepest < 1.05F * 0.1F * 2.7F * 2 * static_cast<float>(M_PI) * 200 / 48000);
 }
+
+}  // namespace crumpling_test

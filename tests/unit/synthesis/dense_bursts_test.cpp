@@ -10,6 +10,8 @@
 #include "sound_db/dsp/random.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace dense_bursts_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace dsp = rustle::dsp;
@@ -252,3 +254,5 @@ TEST_CASE("What continues a merged event raises the one that sounds for it, by i
   CHECK(raise.event == sounding);
   CHECK(raise.factor == Approx(std::sqrt((4 * 9 + 16) / 25.0)));
 }
+
+}  // namespace dense_bursts_test

@@ -12,6 +12,8 @@
 #include "sound_db/dsp/random.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace emitters_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace spatial = rustle::spatial;
@@ -256,3 +258,5 @@ TEST_CASE("Emitters beyond what there is room for are left out and counted") {
   }
   CHECK(sounds.take_left_out() == 44 * 6400);
 }
+
+}  // namespace emitters_test

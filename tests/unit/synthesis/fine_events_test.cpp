@@ -9,6 +9,8 @@
 #include "sound_db/dsp/random.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace fine_events_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace dsp = rustle::dsp;
@@ -228,3 +230,5 @@ TEST_CASE("A visible event carries a burst that leaves its level as it is", "[fi
   }
   CHECK(carried / 40 == Approx(kBurstEvents).epsilon(0.2));
 }
+
+}  // namespace fine_events_test

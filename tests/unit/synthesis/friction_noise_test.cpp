@@ -17,6 +17,8 @@
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/random.h"
 
+namespace friction_noise_test {
+
 using namespace rustle::synthesis;
 namespace spatial = rustle::spatial;
 namespace dsp = rustle::dsp;
@@ -331,3 +333,5 @@ TEST_CASE("Binaural friction reaches each ear through its response: earlier and 
     CHECK(dsp::rms_dbfs(both[0]) > dsp::rms_dbfs(both[1]) + 3);
   }
 }
+
+}  // namespace friction_noise_test

@@ -7,6 +7,8 @@
 #include "sound_db/dsp/statistics.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace friction_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace spatial = rustle::spatial;
@@ -184,3 +186,5 @@ TEST_CASE("A wall farther than the block resolves comes as an echo: the right de
   CHECK(std::abs(where - delay) < 1.5);
   CHECK(2 * best / power < -0.04);
 }
+
+}  // namespace friction_test

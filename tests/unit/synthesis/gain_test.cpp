@@ -11,6 +11,8 @@
 #include "sound_db/dsp/window.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace gain_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace dsp = rustle::dsp;
@@ -162,3 +164,5 @@ TEST_CASE("A silenced sheet is exactly silent, and comes back") {
   rig.run(960);
   CHECK(rms_db(rig.run(4800)[0]) == Approx(rms_db(Toning(3).run(14400)[0], 9600)).margin(0.1));
 }
+
+}  // namespace gain_test

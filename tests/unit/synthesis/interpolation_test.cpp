@@ -9,6 +9,8 @@
 
 #include "sound_db/dsp/random.h"
 
+namespace interpolation_test {
+
 using namespace rustle::synthesis;
 
 namespace {
@@ -99,3 +101,5 @@ TEST_CASE("However many taps go in one pass, the bits are those of plain loops, 
     }
   }
 }
+
+}  // namespace interpolation_test

@@ -10,6 +10,8 @@
 
 #include "sound_db/dsp/random.h"
 
+namespace limiter_test {
+
 using namespace rustle::synthesis;
 
 namespace {
@@ -87,3 +89,5 @@ TEST_CASE("Grouping does not matter, and the curve rises") {
     before = one[0];
   }
 }
+
+}  // namespace limiter_test

@@ -16,6 +16,8 @@
 #include "sound_db/dsp/window.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace mixer_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace spatial = rustle::spatial;
@@ -373,3 +375,5 @@ TEST_CASE("Cues for a bus that is not there are dropped and counted") {
   rig.mixer.apply(plane);
   CHECK(rig.mixer.counters().cues_dropped == 2);
 }
+
+}  // namespace mixer_test

@@ -7,6 +7,8 @@
 #include <complex>
 #include <vector>
 
+namespace noise_spectrum_test {
+
 using namespace rustle::synthesis;
 
 namespace {
@@ -130,3 +132,5 @@ TEST_CASE("What is delayed and turned in one pass is what is delayed, then turne
     CHECK(worst(together, out) > 1e-3);
   }
 }
+
+}  // namespace noise_spectrum_test

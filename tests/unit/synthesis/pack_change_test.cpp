@@ -5,6 +5,8 @@
 #include "sound_db/dsp/random.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace pack_change_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace dsp = rustle::dsp;
@@ -136,3 +138,5 @@ TEST_CASE("A pack that nobody has any more is let go of once its last sound has 
   rig.planner.forget_silent(rig.now + 48000 * 100);
   CHECK_FALSE(stays.expired());
 }
+
+}  // namespace pack_change_test

@@ -8,6 +8,8 @@
 #include "sound_db/dsp/statistics.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace stick_slip_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 
@@ -90,3 +92,5 @@ TEST_CASE("Slips get weaker and end within their time, and others come from anot
   }
   CHECK((some.size() != others.size() || some[1].after != others[1].after));
 }
+
+}  // namespace stick_slip_test

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <vector>
 
+namespace tear_gate_test {
+
 using namespace rustle::synthesis;
 
 namespace {
@@ -107,3 +109,5 @@ TEST_CASE("The printed gate has unit mean square and the kurtosis of r^100, and 
   CHECK(changes(0.5) == Approx(500).margin(2));
   CHECK(changes(0) == 0);
 }
+
+}  // namespace tear_gate_test

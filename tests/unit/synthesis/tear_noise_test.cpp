@@ -17,6 +17,8 @@
 #include "sound_db/dsp/fft.h"
 #include "tests/unit/synthesis/rig.h"
 
+namespace tear_noise_test {
+
 using namespace rustle::synthesis;
 using namespace rustle::synthesis::rig;
 namespace spatial = rustle::spatial;
@@ -426,3 +428,5 @@ TEST_CASE("Beyond the room for tears new ones are not begun, which is counted; r
   CHECK(rig.mixer.counters().voices == 1);
   CHECK(rig.mixer.counters().sources_dropped == 3);
 }
+
+}  // namespace tear_noise_test

@@ -15,6 +15,8 @@
 #include "server/synthesis/mixer.h"
 #include "sound_db/dsp/random.h"
 
+namespace voices_test {
+
 using namespace rustle::synthesis;
 namespace spatial = rustle::spatial;
 namespace dsp = rustle::dsp;
@@ -352,3 +354,5 @@ TEST_CASE("What dies away to denormal numbers comes out as 0, on a thread whose 
   volatile float small = std::numeric_limits<float>::min();
   CHECK(small / 4 != 0);
 }
+
+}  // namespace voices_test

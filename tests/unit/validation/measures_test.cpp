@@ -7,6 +7,8 @@
 #include "server/validation/check.h"
 #include "sound_db/dsp/random.h"
 
+namespace measures_test {
+
 using namespace rustle;
 using namespace rustle::validation;
 
@@ -84,3 +86,5 @@ TEST_CASE("White noise of variance 1 has a power density of 1, and its bands the
   const auto density = power_density(x, 1024);
   CHECK(band_power(density, 1000, 9000) == Approx(8000).epsilon(0.02));
 }
+
+}  // namespace measures_test

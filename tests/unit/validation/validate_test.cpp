@@ -8,6 +8,8 @@
 
 #include "server/validation/page.h"
 
+namespace validate_test {
+
 using namespace rustle;
 using namespace rustle::validation;
 
@@ -85,3 +87,5 @@ TEST_CASE("The page shows every figure and check, escaped, and needs nothing els
   CHECK(text.find("nan") == std::string::npos);
   CHECK(text.find("data:image/png;base64,") != std::string::npos);
 }
+
+}  // namespace validate_test

@@ -9,6 +9,8 @@
 #include "sound_db/pack/write.h"
 #include "tests/unit/pack/example_pack.h"
 
+namespace virtual_sheet_test {
+
 using namespace rustle;
 using namespace rustle::validation;
 
@@ -134,3 +136,5 @@ TEST_CASE("What is played is what the pipeline makes: one event per reversal, th
   const Heard touching = play(setting, take);
   CHECK(std::any_of(touching.samples.begin(), touching.samples.end(), [](float x) { return x != 0; }));
 }
+
+}  // namespace virtual_sheet_test

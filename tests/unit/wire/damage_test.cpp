@@ -5,6 +5,8 @@
 #include "server/wire/control.h"
 #include "tests/unit/wire/messages.h"
 
+namespace damage_test {
+
 using namespace rustle;
 using namespace rustle::wire;
 using namespace rustle::wire::test;
@@ -235,3 +237,5 @@ TEST_CASE("damaged control requests are refused or read", "[wire][damage]") {
     }
   }
 }
+
+}  // namespace damage_test

@@ -6,6 +6,8 @@
 #include "server/wire/session_options.h"
 #include "tests/unit/wire/messages.h"
 
+namespace decisions_test {
+
 using namespace rustle;
 using namespace rustle::wire;
 using namespace rustle::wire::test;
@@ -117,3 +119,5 @@ TEST_CASE("A sheet that the daemon writes is described as it was", "[wire][decis
   CHECK(read->grammage_kg_per_m2 == 0.09);
   CHECK(read->thickness_m == thickness_m);
 }
+
+}  // namespace decisions_test

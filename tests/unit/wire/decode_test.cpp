@@ -6,6 +6,8 @@
 #include "server/wire/fields.h"
 #include "tests/unit/wire/messages.h"
 
+namespace decode_test {
+
 using namespace rustle;
 using namespace rustle::wire;
 using namespace rustle::wire::test;
@@ -524,3 +526,5 @@ TEST_CASE("times go as far as a sample can still be told from the next", "[wire]
   CHECK(std::nextafter(limits.time_s, 2 * limits.time_s) - limits.time_s < 0.5 / 192'000);
   CHECK(std::nextafter(2 * limits.time_s, 4 * limits.time_s) - 2 * limits.time_s > 0.5 / 192'000);
 }
+
+}  // namespace decode_test

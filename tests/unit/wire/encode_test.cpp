@@ -10,6 +10,8 @@
 #include "server/wire/session_options.h"
 #include "tests/unit/wire/messages.h"
 
+namespace encode_test {
+
 using namespace rustle;
 using namespace rustle::wire;
 using namespace rustle::wire::test;
@@ -360,3 +362,5 @@ TEST_CASE("topics there and back", "[wire][topics]") {
     CHECK_FALSE(parse_pcm_topic(text).has_value());
   CHECK(session_of_topic("s/notices") == "s");
 }
+
+}  // namespace encode_test

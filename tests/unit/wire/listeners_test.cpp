@@ -5,6 +5,8 @@
 
 #include "server/wire/listeners.h"
 
+namespace listeners_test {
+
 using namespace rustle::wire;
 
 namespace {
@@ -105,3 +107,5 @@ TEST_CASE("topics beyond the limit are not kept", "[wire][listeners]") {
   CHECK_FALSE(listeners.takes("one more"));
   CHECK(listeners.takes("7"));
 }
+
+}  // namespace listeners_test

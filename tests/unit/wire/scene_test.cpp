@@ -2,6 +2,8 @@
 
 #include "tests/unit/wire/messages.h"
 
+namespace scene_test {
+
 using namespace rustle;
 using namespace rustle::wire;
 using namespace rustle::wire::test;
@@ -219,3 +221,5 @@ TEST_CASE("obstacles are counted", "[wire][scene]") {
   require_error(decode(decoder, mesh_obstacle_message(2)), ErrorCode::kTooLarge, "scene.obstacles");
   CHECK(decode(decoder, mesh_obstacle_message(1)).has_value());
 }
+
+}  // namespace scene_test

@@ -10,6 +10,8 @@
 #include "server/wire/endpoint.h"
 #include "server/wire/sockets.h"
 
+namespace sockets_test {
+
 using namespace rustle::wire;
 using namespace std::chrono_literals;
 
@@ -344,3 +346,5 @@ TEST_CASE("a listener that does not read loses its own messages only", "[wire][s
   while (receive(slow).size() == 2) ++late;
   CHECK(late < kMessages);
 }
+
+}  // namespace sockets_test
