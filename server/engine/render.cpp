@@ -90,7 +90,8 @@ void Render::next(AudioQuantum& out) noexcept {
   voices_most_ = std::max(voices_most_, mixer_.counters().voices);
   std::fill(sum_.begin(), sum_.end(), 0.0f);
   const std::size_t bus_size = sum_.size();
-  for (int bus = 0; bus < mixer_.buses(); ++bus) {
+  const int buses = options_.stems ? mixer_.buses() : mixer_.buses_told_of();
+  for (int bus = 0; bus < buses; ++bus) {
     const bool sounding = mixer_.sounding(static_cast<synthesis::Bus>(bus));
     float* samples = buses_.data() + static_cast<std::size_t>(bus) * bus_size;
     if (sounding) {

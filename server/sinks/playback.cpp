@@ -19,7 +19,6 @@ constexpr milliseconds kFilling{1000};        // in which it may do so faster th
 constexpr double kSpinning = 3;               // times its rate
 constexpr milliseconds kSearchInterval{500};  // for the first minute, then ten times as long
 constexpr int kEagerSearches = 120;
-constexpr milliseconds kLongestStep{100};  // of a pace that fell behind
 
 }  // namespace
 
@@ -28,8 +27,8 @@ Playback::Playback(Options options, Tell tell)
       tell_(std::move(tell)),
       mix_(options_.device.rate_hz, options_.device.channels),
       rate_hz_(options_.device.rate_hz),
-      channels_(options_.device.channels),
-      paced_until_(Clock::now()) {
+      channels_(options_.device.channels) {
+  mix_.rest();
   finder_ = std::thread([this] { run_finder(); });
   player_ = std::thread([this] { run_player(); });
 }
@@ -69,6 +68,7 @@ void Playback::run_finder() {
     if (opened) {
       found_ = std::move(*opened);
       wanted_ = false;
+      changed_.notify_all();
     } else {
       const auto pause = searches < kEagerSearches ? kSearchInterval : 10 * kSearchInterval;
       changed_.wait_for(lock, pause, [this] { return stopping_; });
@@ -91,7 +91,6 @@ void Playback::take_found(Clock::time_point now) {
   device_ = std::move(found);
   rate_hz_ = device_->rate_hz();
   channels_ = device_->channels();
-  mix_.turn_to(rate_hz_, channels_);
   called_ = window_called_ = device_->frames_called();
   missed_ = 0;
   called_at_ = window_began_ = opened_at_ = now;
@@ -117,32 +116,30 @@ void Playback::run_player() {
   while (true) {
     {
       std::unique_lock lock(mutex_);
-      if (changed_.wait_for(lock, kTurn, [this] { return stopping_; })) return;
+      changed_.wait_for(lock, device_ ? kTurn : kSilentCallback, [this] { return stopping_ || found_; });
+      if (stopping_) return;
     }
     const auto now = Clock::now();
     if (!device_) take_found(now);
     if (device_ && lost(now)) {
       tell_(fmt::format("{} is gone; playing to nothing until a device answers", device_->name()));
       device_.reset();
-      paced_until_ = now;
+      playing_ = false;
+      mix_.rest();
       std::lock_guard lock(mutex_);
       figures_.device.clear();
       ++figures_.devices_lost;
       wanted_ = true;
       changed_.notify_all();
     }
-    if (device_ && now - opened_at_ > kSettling) {
-      feed_device();
-    } else {
-      feed_nothing(now);
-      if (device_) feed_silence();
+    if (!device_) continue;
+    if (!playing_ && now - opened_at_ <= kSettling) {
+      feed_silence();
+      continue;
     }
+    if (!std::exchange(playing_, true)) mix_.turn_to(rate_hz_, channels_);
+    feed_device();
   }
-}
-
-void Playback::feed(std::size_t frames) {
-  block_.resize(frames * static_cast<std::size_t>(channels_));
-  mix_.mix(block_);
 }
 
 std::size_t Playback::lead_frames() const {
@@ -153,7 +150,8 @@ void Playback::feed_device() {
   const std::size_t lead = lead_frames();
   const std::size_t waiting = device_->waiting_frames();
   if (waiting >= lead) return;
-  feed(lead - waiting);
+  block_.resize((lead - waiting) * static_cast<std::size_t>(channels_));
+  mix_.mix(block_);
   device_->write(block_);
   std::lock_guard lock(mutex_);
   figures_.frames_played += lead - waiting;
@@ -163,15 +161,6 @@ void Playback::feed_silence() {
   block_.assign((lead_frames() - std::min(lead_frames(), device_->waiting_frames())) * static_cast<std::size_t>(channels_),
                 0);
   device_->write(block_);
-}
-
-void Playback::feed_nothing(Clock::time_point now) {
-  paced_until_ = std::max(paced_until_, now - kLongestStep);
-  const std::chrono::duration<double> due = now - paced_until_;
-  const auto frames = static_cast<std::size_t>(due.count() * rate_hz_);
-  feed(frames);
-  paced_until_ +=
-      std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(static_cast<double>(frames) / rate_hz_));
 }
 
 }  // namespace rustle::sinks

@@ -18,7 +18,7 @@
 namespace rustle::sinks {
 
 struct PlaybackFigures {
-  std::string device;  ///< empty: none, what is played goes nowhere at the same pace
+  std::string device;  ///< empty: none, what is played goes nowhere
   std::uint32_t rate_hz = 0;
   std::uint64_t frames_played = 0;  ///< handed to devices
   std::uint64_t frames_missed = 0;  ///< of silence, because the player came late
@@ -30,7 +30,7 @@ struct PlaybackFigures {
 /// Plays sources through a device for as long as there is one. A thread of its own keeps the device's ring filled:
 ///
 ///   sources ─► PlaybackMix ─► player thread ─► AudioDevice
-///                                    └──────► nothing, at the same pace, while there is no device
+///                                    └──────► nothing, while there is no device: what comes is passed over
 ///
 /// A device counts as lost when its callback has not come for 150 ms, or comes at three times its rate, as PulseAudio's
 /// does when its server is gone. Another one is then looked for twice a second, by a thread that may wait for servers.
@@ -59,11 +59,9 @@ class Playback {
 
   void run_player();
   void run_finder();
-  void feed(std::size_t frames);
   void feed_device();
   void feed_silence();
   std::size_t lead_frames() const;
-  void feed_nothing(Clock::time_point now);
   bool lost(Clock::time_point now);
   void take_found(Clock::time_point now);
 
@@ -76,7 +74,7 @@ class Playback {
   std::vector<float> block_;
   std::uint32_t rate_hz_;
   int channels_;
-  Clock::time_point paced_until_;
+  bool playing_ = false;  // the device has settled
   std::uint64_t called_ = 0;
   Clock::time_point called_at_, window_began_, opened_at_;
   std::uint64_t window_called_ = 0;

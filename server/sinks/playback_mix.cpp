@@ -23,6 +23,7 @@ struct PlaybackMix::Source {
   void read_at(std::uint32_t device_rate_hz, std::span<float> out, MixFigures& figures);
 
   void push(std::span<const float> interleaved, MixFigures& figures);
+  void forget_waiting();
   bool over() const { return ending && waiting_frames() == 0; }
 
   std::uint32_t rate_hz;
@@ -67,6 +68,15 @@ void PlaybackMix::Source::forget_history() {
     waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(begin - kept));
     begin = kept;
   }
+}
+
+void PlaybackMix::Source::forget_waiting() {
+  waiting.clear();
+  begin = 0;
+  tail.clear();
+  tail_read = 0;
+  sounding = false;
+  resampler.reset();
 }
 
 void PlaybackMix::Source::judge_fill(std::size_t read_frames) {
@@ -172,8 +182,16 @@ void PlaybackMix::turn_to(std::uint32_t rate_hz, int channels) {
   std::lock_guard lock(mutex_);
   rate_hz_ = rate_hz;
   channels_ = channels;
+  resting_ = false;
   sum_.assign(static_cast<std::size_t>(channels), {});
   limiter_ = synthesis::Limiter(rate_hz);
+}
+
+void PlaybackMix::rest() {
+  std::lock_guard lock(mutex_);
+  resting_ = true;
+  for (auto& [id, source] : sources_) source->forget_waiting();
+  std::erase_if(sources_, [](const auto& entry) { return entry.second->over(); });
 }
 
 PlaybackMix::SourceId PlaybackMix::add(std::uint32_t rate_hz, int channels) {
@@ -184,12 +202,16 @@ PlaybackMix::SourceId PlaybackMix::add(std::uint32_t rate_hz, int channels) {
 
 void PlaybackMix::push(SourceId source, std::span<const float> interleaved) {
   std::lock_guard lock(mutex_);
+  if (resting_) return;
   if (const auto found = sources_.find(source); found != sources_.end()) found->second->push(interleaved, figures_);
 }
 
 void PlaybackMix::end(SourceId source) {
   std::lock_guard lock(mutex_);
-  if (const auto found = sources_.find(source); found != sources_.end()) found->second->ending = true;
+  const auto found = sources_.find(source);
+  if (found == sources_.end()) return;
+  found->second->ending = true;
+  if (resting_) sources_.erase(found);
 }
 
 bool PlaybackMix::empty() const {

@@ -43,6 +43,8 @@ class PlaybackMix {
 
   /// A device of another rate or other channels takes over; what waits goes on. [player]
   void turn_to(std::uint32_t rate_hz, int channels);
+  /// No device plays: what waits goes, and what comes is passed over, until one takes over. [player]
+  void rest();
 
   /// [control]
   SourceId add(std::uint32_t rate_hz, int channels);
@@ -62,6 +64,7 @@ class PlaybackMix {
   mutable std::mutex mutex_;
   std::uint32_t rate_hz_;
   int channels_;
+  bool resting_ = false;
   std::map<SourceId, std::unique_ptr<Source>> sources_;
   SourceId next_id_ = 1;
   MixFigures figures_;

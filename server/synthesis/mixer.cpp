@@ -136,7 +136,7 @@ void Mixer::render(SampleTime quantum_start, std::span<float> out, EmitterSounds
   assert(quantum_start % kQuantum == 0);
   assert(out.size() == quantum_size());
   const FlushDenormals flush_denormals;
-  std::fill(sounding_.begin(), sounding_.end(), std::uint8_t{0});
+  std::fill_n(sounding_.begin(), told_of_, std::uint8_t{0});
   act_on_due(quantum_start);
   const BusSamples samples{out.data(), sounding_.data(), channels(), emitters};
   if (emitters) emitters->begin_quantum();

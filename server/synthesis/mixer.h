@@ -33,6 +33,8 @@ class Mixer {
 
   int channels() const noexcept { return options_.channels(); }
   int buses() const noexcept { return options_.buses(); }
+  /// Buses before this one have been named by a cue; those from here on have never sounded.
+  int buses_told_of() const noexcept { return static_cast<int>(told_of_); }
   /// Floats of one quantum: buses · channels · kQuantum.
   std::size_t quantum_size() const noexcept;
 

@@ -1,5 +1,6 @@
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -157,6 +158,29 @@ TEST_CASE("A source that stalls fades out, counts the gap, and comes in again") 
   mix.mix(rest);
   CHECK(mix.empty());
   CHECK(mix.figures().samples_in_gaps == gap);
+}
+
+TEST_CASE("While no device plays nothing waits, and what comes afterwards is heard from a fresh cushion on") {
+  PlaybackMix mix(kRate_hz, 1);
+  const auto id = mix.add(kRate_hz, 1), ended = mix.add(kRate_hz, 1);
+  const std::vector<float> old(kRate_hz / 10, 0.1f), fresh(kRate_hz / 10, 0.2f);
+  mix.push(id, old);
+  mix.push(ended, old);
+  mix.end(ended);
+  mix.rest();
+  mix.push(id, old);
+  mix.turn_to(kRate_hz, 1);
+  std::vector<float> out(kRate_hz / 20, 1.0f);
+  mix.mix(out);
+  CHECK(rms(out, 0, out.size()) == 0);
+  mix.push(id, fresh);
+  mix.mix(out);
+  CHECK(out.back() == 0.2f);
+  CHECK(*std::max_element(out.begin(), out.end()) == 0.2f);
+  CHECK(mix.figures().samples_in_gaps == 0);
+  mix.rest();
+  mix.end(id);
+  CHECK(mix.empty());
 }
 
 TEST_CASE("What comes faster than it is heard is bounded and counted, and many sources stay within full scale") {
