@@ -173,6 +173,7 @@ bool McapReader::open_chunk() {
   if (chunk->uncompressed_crc != 0 && chunk->uncompressed_crc != crc32_of(*records)) {
     return damaged("its checksum does not match");
   }
+  chunked_ = true;
   chunk_ = std::move(*records);
   chunk_position_ = 0;
   return true;
@@ -234,6 +235,8 @@ std::optional<McapReader::Message> McapReader::next() {
       metadata_.emplace(std::move(name), std::move(*metadata));
     } else if (opcode_ == McapOpcode::kDataEnd || opcode_ == McapOpcode::kFooter) {
       read_summary();
+    } else if (chunked_ && opcode_ == McapOpcode::kMessage) {
+      stop(fmt::format("damaged before byte {}: a message outside of the chunks", position_));
     } else if (auto message = declare_or_message(opcode_, content_)) {
       return message;
     }

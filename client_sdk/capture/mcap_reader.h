@@ -24,7 +24,8 @@ struct Recovery {
 /// Reads any MCAP file (https://mcap.dev/spec) from front to back: chunked or not, zstd, lz4 or plain, with or without a
 /// summary. Messages come in the file's order. Every length is bounded before memory is taken for it, chunk and file
 /// checksums are compared. At the first damage, or where the file was cut, reading ends: everything before it was given,
-/// messages of a chunk only when the whole chunk is sound.
+/// messages of a chunk only when the whole chunk is sound. After the first chunk a message outside of one is damage: no
+/// checksum covers it, and one flipped bit makes it of a chunk's index.
 /// One thread at a time.
 class McapReader {
  public:
@@ -75,6 +76,7 @@ class McapReader {
   McapOpcode opcode_{};
   std::string prefix_;
   std::string content_;
+  bool chunked_ = false;  ///< a chunk has come
   std::string chunk_;
   std::size_t chunk_position_ = 0;
 

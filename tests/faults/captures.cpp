@@ -25,7 +25,7 @@
 
 /// Captures under faults: cut at every byte, flipped at every bit, their writer killed, writes and syncs that fail.
 /// usage: fault_captures cuts CAPTURE
-///        fault_captures flips|kills|errors NUMBER
+///        fault_captures flips|some-flips|kills|errors NUMBER     some-flips: of one bit in every byte
 /// Prints what was injected and what was seen; status 0 when everything holds.
 namespace {
 
@@ -238,7 +238,7 @@ class FailingFile : public capture::OutputFile {
   std::string name_ = "failing.mcap";
 };
 
-int flip_everywhere(int records) {
+int flip_everywhere(int records, bool every_bit) {
   auto disk = std::make_shared<Disk>();
   auto writer = capture::CaptureWriter::create(std::make_unique<FailingFile>(disk), small_chunks().writer);
   for (int k = 1; k <= records; ++k) (void)writer->write(record(static_cast<std::uint32_t>(k)));
@@ -247,7 +247,7 @@ int flip_everywhere(int records) {
   const ReadBack truth = read_back(bytes);
   Damage damage;
   for (std::size_t at = 0; at < bytes.size(); ++at) {
-    for (int bit = 0; bit < 8; ++bit) {
+    for (int bit = every_bit ? 0 : static_cast<int>(at % 8); bit < 8; bit += every_bit ? 1 : 8) {
       bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
       check(truth, read_back(bytes), at, damage);
       bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
@@ -295,9 +295,9 @@ int fail_writes_and_syncs(int runs) {
 int main(int argc, char** argv) {
   const std::string what = argc == 3 ? argv[1] : "";
   if (what == "cuts") return cut_everywhere(bytes_of(argv[2]));
-  if (what == "flips") return flip_everywhere(std::atoi(argv[2]));
+  if (what == "flips" || what == "some-flips") return flip_everywhere(std::atoi(argv[2]), what == "flips");
   if (what == "kills") return kill_while_recording(std::atoi(argv[2]));
   if (what == "errors") return fail_writes_and_syncs(std::atoi(argv[2]));
-  fmt::print(stderr, "usage: {} cuts CAPTURE\n       {} flips|kills|errors NUMBER\n", argv[0], argv[0]);
+  fmt::print(stderr, "usage: {} cuts CAPTURE\n       {} flips|some-flips|kills|errors NUMBER\n", argv[0], argv[0]);
   return 2;
 }
