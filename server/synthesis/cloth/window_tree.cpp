@@ -4,7 +4,9 @@
 #include <cassert>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <numeric>
+#include <utility>
 
 #include "server/sheet/simd.h"
 #include "sound_db/dsp/random.h"
@@ -12,24 +14,34 @@
 namespace rustle::cloth {
 namespace {
 
-/// bounds[k] = Σ_p n_p |key_p - window k's|, of a leaf's 16 windows side by side.
-RUSTLE_SIMD void add_bounds(const float* key, const float* windows, std::size_t dimensions, const float* part_units,
-                            std::size_t parts, float* bounds) noexcept {
-  constexpr std::size_t kLanes = 16;
-  float total[kLanes] = {};
+constexpr std::size_t kLanes = 16;
+using Lanes = float __attribute__((vector_size(kLanes * sizeof(float))));
+
+/// bounds[k] = Σ_p n_p |key_p - the nearest to it between low and high of lane k|, lanes side by side: [width][kLanes].
+/// \param work  [parts][kLanes]
+RUSTLE_SIMD void add_bounds(const float* key, const float* low, const float* high, std::size_t dimensions,
+                            const float* part_units, std::size_t parts, float* work, float* bounds) noexcept {
   for (std::size_t p = 0; p < parts; ++p) {
-    float sum[kLanes] = {};
-    for (std::size_t d = 0; d < dimensions; ++d) {
-      const float* x = windows + (p * dimensions + d) * kLanes;
-      const float y = key[p * dimensions + d];
-      for (std::size_t k = 0; k < kLanes; ++k) {
-        const float e = x[k] - y;
-        sum[k] += e * e;
-      }
+    Lanes sum{};
+    for (std::size_t d = p * dimensions; d < (p + 1) * dimensions; ++d) {
+      Lanes a, b;
+      std::memcpy(&a, low + d * kLanes, sizeof a);
+      std::memcpy(&b, high + d * kLanes, sizeof b);
+      const Lanes below = a - key[d], above = key[d] - b;
+      const Lanes farther = below > above ? below : above;
+      const Lanes outside = farther > Lanes{} ? farther : Lanes{};
+      sum += outside * outside;
     }
-    for (std::size_t k = 0; k < kLanes; ++k) total[k] += part_units[p] * std::sqrt(sum[k]);
+    std::memcpy(work + p * kLanes, &sum, sizeof sum);
   }
-  for (std::size_t k = 0; k < kLanes; ++k) bounds[k] = total[k];
+  for (std::size_t k = 0; k < parts * kLanes; ++k) work[k] = std::sqrt(work[k]);
+  Lanes total{};
+  for (std::size_t p = 0; p < parts; ++p) {
+    Lanes root;
+    std::memcpy(&root, work + p * kLanes, sizeof root);
+    total += part_units[p] * root;
+  }
+  std::memcpy(bounds, &total, sizeof total);
 }
 
 }  // namespace
@@ -51,8 +63,9 @@ WindowTree::WindowTree(const FeatureRows& database, std::span<const std::uint32_
   }
   order_.resize(count);
   std::iota(order_.begin(), order_.end(), 0U);
-  build(0, count, keys);
-  lay_out(keys);
+  sort(order_, keys);
+  add_leaves(keys);
+  while (levels_.back().nodes > 1) add_nodes();
 }
 
 WindowTree::Key WindowTree::key_of(const FeatureRows& window) const noexcept {
@@ -98,63 +111,70 @@ void WindowTree::find_classes(const FeatureRows& database, std::span<const std::
   if (!first_member_.empty()) first_member_.push_back(static_cast<std::uint32_t>(members_.size()));
 }
 
-std::uint32_t WindowTree::build(std::uint32_t first, std::uint32_t count, std::vector<float>& keys) {
-  const auto index = static_cast<std::uint32_t>(nodes_.size());
-  nodes_.emplace_back();
-  nodes_[index].first = first;
-  nodes_[index].count = count;
-  const auto own = std::span(order_).subspan(first, count);
+void WindowTree::sort(std::span<std::uint32_t> classes, const std::vector<float>& keys) const {
+  if (classes.size() <= kFan) return;
   std::size_t widest = 0;
   float extent = -1;
   for (std::size_t k = 0; k < width_; ++k) {
     float low = std::numeric_limits<float>::infinity(), high = -low;
-    for (const std::uint32_t c : own) {
+    for (const std::uint32_t c : classes) {
       low = std::min(low, keys[c * width_ + k]);
       high = std::max(high, keys[c * width_ + k]);
     }
-    nodes_[index].low[k] = low;
-    nodes_[index].high[k] = high;
     if (high - low > extent) {
       extent = high - low;
       widest = k;
     }
   }
-  if (count <= kLeaf) return index;
-  const std::uint32_t half = (count / 2 + kLeaf - 1) / kLeaf * kLeaf;
-  std::ranges::nth_element(own, own.begin() + half, {},
+  std::size_t node = kFan;
+  while (node * kFan < classes.size()) node *= kFan;
+  const std::size_t half = (classes.size() / 2 + node - 1) / node * node;
+  std::ranges::nth_element(classes, classes.begin() + static_cast<std::ptrdiff_t>(half), {},
                            [&](std::uint32_t c) { return std::pair(keys[c * width_ + widest], c); });
-  build(first, half, keys);
-  const std::uint32_t right = build(first + half, count - half, keys);
-  nodes_[index].right = right;
-  return index;
+  sort(classes.first(half), keys);
+  sort(classes.subspan(half), keys);
 }
 
-void WindowTree::lay_out(const std::vector<float>& keys) {
-  const std::size_t leaves = (order_.size() + kLeaf - 1) / kLeaf;
-  leaf_keys_.assign(leaves * width_ * kLeaf, 0.0F);
+void WindowTree::add_leaves(const std::vector<float>& keys) {
+  Level& level = levels_.emplace_back();
+  level.nodes = static_cast<std::uint32_t>((order_.size() + kFan - 1) / kFan);
+  level.low.resize(level.nodes * width_ * kFan);
   for (std::size_t at = 0; at < order_.size(); ++at) {
-    float* leaf = leaf_keys_.data() + at / kLeaf * width_ * kLeaf;
-    for (std::size_t k = 0; k < width_; ++k) leaf[k * kLeaf + at % kLeaf] = keys[order_[at] * width_ + k];
+    float* leaf = level.low.data() + at / kFan * width_ * kFan;
+    for (std::size_t k = 0; k < width_; ++k) leaf[k * kFan + at % kFan] = keys[order_[at] * width_ + k];
   }
 }
 
-float WindowTree::node_bound(const Node& node, const Key& key) const noexcept {
-  float total = 0;
-  for (std::size_t p = 0; p < kParts; ++p) {
-    float sum = 0;
-    for (std::size_t d = 0; d < dimensions_; ++d) {
-      const std::size_t k = p * dimensions_ + d;
-      const float e = std::max({node.low[k] - key[k], key[k] - node.high[k], 0.0F});
-      sum += e * e;
+void WindowTree::add_nodes() {
+  const std::size_t below = levels_.size() - 1;
+  Level level;
+  level.nodes = static_cast<std::uint32_t>((levels_[below].nodes + kFan - 1) / kFan);
+  level.low.resize(level.nodes * width_ * kFan);
+  level.high.resize(level.low.size());
+  for (std::uint32_t child = 0; child < levels_[below].nodes; ++child) {
+    const std::size_t count = children(below, child);
+    for (std::size_t k = 0; k < width_; ++k) {
+      const std::size_t from = (child * width_ + k) * kFan, to = (child / kFan * width_ + k) * kFan + child % kFan;
+      const auto part = [&](const std::vector<float>& of) { return std::span(of).subspan(from, count); };
+      level.low[to] = std::ranges::min(part(levels_[below].low));
+      level.high[to] = std::ranges::max(part(below == 0 ? levels_[below].low : levels_[below].high));
     }
-    total += part_units_[p] * std::sqrt(sum);
   }
-  return total;
+  levels_.push_back(std::move(level));
 }
 
-void WindowTree::leaf_bounds(const Node& node, const Key& key, Bounds& out) const noexcept {
-  const float* leaf = leaf_keys_.data() + node.first / kLeaf * width_ * kLeaf;
-  add_bounds(key.data(), leaf, dimensions_, part_units_.data(), kParts, out.data());
+std::uint32_t WindowTree::children(std::size_t level, std::uint32_t node) const noexcept {
+  const std::size_t below = level == 0 ? order_.size() : levels_[level - 1].nodes;
+  return static_cast<std::uint32_t>(std::min(kFan, below - kFan * node));
+}
+
+void WindowTree::bounds_of(std::size_t level, std::uint32_t node, const Key& key, Bounds& out) const noexcept {
+  static_assert(kFan == kLanes);
+  const std::size_t from = node * width_ * kFan;
+  const float* low = levels_[level].low.data() + from;
+  const float* high = level == 0 ? low : levels_[level].high.data() + from;
+  std::array<float, kParts * kFan> work;
+  add_bounds(key.data(), low, high, dimensions_, part_units_.data(), kParts, work.data(), out.data());
 }
 
 double WindowTree::slack_of(const Key& key) const noexcept {

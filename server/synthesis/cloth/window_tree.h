@@ -13,8 +13,8 @@ namespace rustle::cloth {
 /// Windows of a database, each `length` units long, ordered so that those near a target's come first. A window's rows are
 /// split into kParts runs; with mean f_p of the target's run p and g_p of the database's, n_p units each,
 ///   D2 = Σ_k |f_k - g_k| ≥ Σ_p n_p |f_p - g_p|            (triangle inequality)
-/// which a kd-tree of those means searches by branch and bound. Windows alike in every row (silence) are one class: its
-/// members are alike in D2, so the lowest free one stands for all. Immutable; any thread.
+/// which a tree of boxes around those means searches by branch and bound, kFan boxes side by side. Windows alike in every
+/// row (silence) are one class: its members are alike in D2, so the lowest free one stands for all. Immutable; any thread.
 class WindowTree {
  public:
   static constexpr std::size_t kParts = 3;
@@ -44,61 +44,67 @@ class WindowTree {
   void search(const Key& key, double limit, Visit&& visit) const;
 
  private:
-  static constexpr std::size_t kLeaf = 16;
-  struct Node {
-    std::uint32_t first = 0;  ///< of its classes in `order_`
-    std::uint32_t count = 0;
-    std::uint32_t right = 0;  ///< 0: a leaf; the left child is the next node
-    std::array<float, kParts * kMostDimensions> low{}, high{};
-  };
-  using Bounds = std::array<float, kLeaf>;
+  static constexpr std::size_t kFan = 16;        ///< classes of a leaf, children of a node
+  static constexpr std::size_t kMostLevels = 8;  ///< kFan^kMostLevels classes
+  using Bounds = std::array<float, kFan>;
 
   void find_classes(const FeatureRows& database, std::span<const std::uint32_t> left);
-  std::uint32_t build(std::uint32_t first, std::uint32_t count, std::vector<float>& keys);
-  void lay_out(const std::vector<float>& keys);
-  float node_bound(const Node& node, const Key& key) const noexcept;
-  void leaf_bounds(const Node& node, const Key& key, Bounds& out) const noexcept;
+  /// Orders classes so that every node's are near to each other: halves along the widest side, cut where nodes end.
+  void sort(std::span<std::uint32_t> classes, const std::vector<float>& keys) const;
+  void add_leaves(const std::vector<float>& keys);
+  void add_nodes();
+  /// Children of a node: classes of a leaf (level 0), else nodes of the level below.
+  std::uint32_t children(std::size_t level, std::uint32_t node) const noexcept;
+  void bounds_of(std::size_t level, std::uint32_t node, const Key& key, Bounds& out) const noexcept;
   /// What rounding may add to a bound.
   double slack_of(const Key& key) const noexcept;
+
+  /// Nodes of one height; node i holds the nodes kFan · i and on of the level below.
+  struct Level {
+    std::uint32_t nodes = 0;
+    std::vector<float> low, high;  ///< [node][width][child]; of leaves the keys, in `low` alone
+  };
 
   std::size_t dimensions_, length_, width_;  ///< width: floats of a key
   std::array<std::uint32_t, kParts + 1> part_begin_{};
   std::array<float, kParts> part_units_{};
   std::vector<std::uint32_t> class_of_, members_, first_member_;
   std::vector<std::uint32_t> order_;  ///< classes in the order of the leaves
-  std::vector<float> leaf_keys_;      ///< [leaf][width][kLeaf]
-  std::vector<Node> nodes_;
-  float largest_ = 0;  ///< of all features
+  std::vector<Level> levels_;         ///< leaves first; the last has one node
+  float largest_ = 0;                 ///< of all features
 };
 
 template <class Visit>
 void WindowTree::search(const Key& key, double limit, Visit&& visit) const {
-  if (nodes_.empty()) return;
+  if (levels_.empty()) return;
   struct Waiting {
-    std::uint32_t node;
-    float bound;
+    float bound = 0;
+    std::uint32_t node = 0;
+    std::size_t level = 0;
   };
-  std::array<Waiting, 64> stack;
+  std::array<Waiting, kMostLevels * kFan> stack;
   std::size_t depth = 0;
   const double slack = slack_of(key);
-  const auto beyond = [&](float bound) { return static_cast<double>(bound) * (1 - 1e-5) - slack > limit; };
-  stack[depth++] = {0, node_bound(nodes_[0], key)};
+  const auto rounded = [&](double distance) { return static_cast<float>((distance + slack) * (1 + 2e-5)); };
+  float most = rounded(limit);
+  stack[depth++] = {0, 0, levels_.size() - 1};
   Bounds bounds;
   while (depth > 0) {
     const Waiting next = stack[--depth];
-    if (beyond(next.bound)) continue;
-    const Node& node = nodes_[next.node];
-    if (node.right != 0) {
-      const Waiting a{next.node + 1, node_bound(nodes_[next.node + 1], key)};
-      const Waiting b{node.right, node_bound(nodes_[node.right], key)};
-      const bool a_first = a.bound <= b.bound;
-      stack[depth++] = a_first ? b : a;
-      stack[depth++] = a_first ? a : b;
-      continue;
-    }
-    leaf_bounds(node, key, bounds);
-    for (std::uint32_t k = 0; k < node.count; ++k) {
-      if (!beyond(bounds[k])) limit = visit(order_[node.first + k]);
+    if (next.bound > most) continue;
+    bounds_of(next.level, next.node, key, bounds);
+    const std::uint32_t first = kFan * next.node, count = children(next.level, next.node);
+    const std::size_t waiting = depth;
+    for (std::uint32_t k = 0; k < count; ++k) {
+      if (bounds[k] > most) continue;
+      if (next.level == 0) {
+        most = rounded(visit(order_[first + k]));
+        continue;
+      }
+      // The nearest on top.
+      std::size_t at = depth++;
+      for (; at > waiting && stack[at - 1].bound < bounds[k]; --at) stack[at] = stack[at - 1];
+      stack[at] = {bounds[k], first + k, next.level - 1};
     }
   }
 }
