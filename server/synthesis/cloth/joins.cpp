@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 namespace rustle::cloth {
@@ -11,11 +13,45 @@ bool alike(float a, float b) noexcept {
   return (a > 0 && b > 0) || (a < 0 && b < 0);
 }
 
+/// How many samples a run reaches beyond its units, and whether it fades over them.
+struct Reach {
+  std::int64_t samples = 0;
+  bool fades = false;
+};
+
+/// How far a run steps where it reaches `samples` beyond its units, over the RMS step of the half unit that it sounds
+/// beside.
+template <class Outward>
+double relative_step(const Outward& outward, std::int64_t samples, std::int64_t half_unit) {
+  const auto step = [&](std::int64_t n) { return static_cast<double>(outward(n)) - static_cast<double>(outward(n - 1)); };
+  double sum = 0;
+  for (std::int64_t n = samples - 1; n > samples - half_unit; --n) sum += step(n) * step(n);
+  const double largest = std::max(std::abs(static_cast<double>(outward(samples - 1))), std::abs(step(samples - 1)));
+  return largest == 0 ? 0 : largest / std::sqrt(sum / static_cast<double>(half_unit - 1));
+}
+
+/// \param outward  the source's n-th sample beyond the run's units, inside of them where n is negative
+/// \param there    samples that there are beyond
+template <class Outward>
+Reach reach_of(const Outward& outward, std::int64_t there, std::int64_t half_unit) {
+  constexpr double kGentle = 1;
+  const std::int64_t most = std::min(there, half_unit);
+  Reach best{most, true};
+  double least = std::numeric_limits<double>::infinity();
+  for (std::int64_t n = 0; n <= most && least > kGentle; ++n) {
+    if (n < there && alike(outward(n - 1), outward(n))) continue;
+    const double step = relative_step(outward, n, half_unit);
+    if (best.fades || step < least) best = {n, false};
+    least = std::min(least, step);
+  }
+  return best;
+}
+
 }  // namespace
 
 JoinedSource::JoinedSource(std::vector<std::span<const float>> recordings, std::uint32_t unit_samples)
     : recordings_(std::move(recordings)), unit_samples_(unit_samples) {
-  assert(unit_samples >= 2);
+  assert(unit_samples >= 4);
   std::vector<std::array<std::size_t, 2>> faded;  // 2 unit + (0: its head, 1: its tail), and where in faded_
   for (const std::span<const float> recording : recordings_) {
     for (std::size_t begin = 0; begin + unit_samples <= recording.size(); begin += unit_samples) {
@@ -31,26 +67,26 @@ JoinedSource::JoinedSource(std::vector<std::span<const float>> recordings, std::
 
 void JoinedSource::extend(std::span<const float> recording, std::size_t begin,
                           std::vector<std::array<std::size_t, 2>>& places) {
-  const std::size_t unit = units_.size(), finish = begin + unit_samples_, reach = unit_samples_ / 2;
-  std::size_t a = begin;
-  const std::size_t low = begin - std::min(reach, begin);
-  while (a > low && alike(recording[a], recording[a - 1])) --a;
-  std::size_t b = finish;
-  const std::size_t high = std::min(recording.size(), finish + reach);
-  while (b < high && alike(recording[b - 1], recording[b])) ++b;
-  const auto before = static_cast<std::uint32_t>(begin - a), after = static_cast<std::uint32_t>(b - finish);
-  units_.push_back(recording.data() + begin);
-  heads_.push_back({recording.data() + a, before, -static_cast<std::int32_t>(before)});
-  tails_.push_back({recording.data() + finish, after, static_cast<std::int32_t>(unit_samples_)});
-  if (before > 0 && a > 0 && alike(recording[a], recording[a - 1])) {
+  const std::size_t unit = units_.size(), finish = begin + unit_samples_;
+  const float *first = recording.data() + begin, *end = first + unit_samples_;
+  const auto half_unit = static_cast<std::int64_t>(unit_samples_ / 2);
+  const Reach head = reach_of([&](std::int64_t n) { return first[-1 - n]; }, static_cast<std::int64_t>(begin), half_unit);
+  const Reach tail =
+      reach_of([&](std::int64_t n) { return end[n]; }, static_cast<std::int64_t>(recording.size() - finish), half_unit);
+  units_.push_back(first);
+  heads_.push_back(
+      {first - head.samples, static_cast<std::uint32_t>(head.samples), -static_cast<std::int32_t>(head.samples)});
+  tails_.push_back({end, static_cast<std::uint32_t>(tail.samples), static_cast<std::int32_t>(unit_samples_)});
+  const auto fade = [](std::int64_t n, const Reach& reach) {
+    return (static_cast<float>(n) + 0.5F) / static_cast<float>(reach.samples);
+  };
+  if (head.fades) {
     places.push_back({2 * unit, faded_.size()});
-    for (std::uint32_t k = 0; k < before; ++k)
-      faded_.push_back(recording[a + k] * ((static_cast<float>(k) + 0.5F) / static_cast<float>(before)));
+    for (std::int64_t n = 0; n < head.samples; ++n) faded_.push_back(first[n - head.samples] * fade(n, head));
   }
-  if (after > 0 && b < recording.size() && alike(recording[b - 1], recording[b])) {
+  if (tail.fades) {
     places.push_back({2 * unit + 1, faded_.size()});
-    for (std::uint32_t k = 0; k < after; ++k)
-      faded_.push_back(recording[finish + k] * (1 - (static_cast<float>(k) + 0.5F) / static_cast<float>(after)));
+    for (std::int64_t n = 0; n < tail.samples; ++n) faded_.push_back(end[n] * (1 - fade(n, tail)));
   }
 }
 

@@ -17,13 +17,15 @@ struct Piece {
 };
 
 /// A source cut into units that can be put together in any order (C6). Consecutive units are taken as one run. A run is
-/// extended at either end to the nearest place where the source changes its sign, at most by half a unit, and what runs
-/// have in common is added up: entering from zero never steps further than the source itself does there. Where there is no
-/// such place the extension fades in a straight line. Runs do not reach into another recording. Immutable; any thread.
+/// extended at either end to a place where the source changes its sign, at most by half a unit, and what runs have in common
+/// is added up. It is the nearest place at which the source steps no further than it does on average (RMS) over the half
+/// unit that begins or ends there, else the gentlest one by that measure: a run that begins within a pop reaches back before
+/// it, as nothing may sound before that hides the step. Where there is no such place the extension fades in a straight line.
+/// Runs do not reach into another recording. Immutable; any thread.
 class JoinedSource {
  public:
   /// Keeps the recordings, which outlive it. Each has as many units as fit; what is left at its end serves for extensions
-  /// only. Allocates; O(samples). \pre unit_samples ≥ 2
+  /// only. Allocates; O(samples). \pre unit_samples ≥ 4
   JoinedSource(std::vector<std::span<const float>> recordings, std::uint32_t unit_samples);
 
   std::uint32_t unit_samples() const noexcept { return unit_samples_; }

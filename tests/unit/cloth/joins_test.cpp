@@ -69,40 +69,60 @@ TEST_CASE("consecutive units are the source again, bit for bit") {
   CHECK(std::equal(out.begin(), out.end(), source.begin() + 20 * kUnit));
 }
 
-TEST_CASE("joins step no more than 3 dB louder than any other place") {
-  const auto source = recording(48000 * 20);
-  const JoinedSource joined({source}, kUnit);
-  const auto choices = random_choices(20000, joined.units());
-  std::vector<std::int64_t> joins, anywhere;
-  const auto out = concatenated(joined, choices, &joins);
-  dsp::Random random(3);
-  for (int k = 0; k < 40000; ++k) anywhere.push_back(random.index(static_cast<std::uint32_t>(out.size())));
-  CHECK(loudest_steps_db(out, joins) <= loudest_steps_db(out, anywhere) + 3);
-
-  std::vector<float> plain;
-  std::vector<std::int64_t> edges;
-  for (const Choice& choice : choices) {
-    edges.push_back(static_cast<std::int64_t>(plain.size()));
-    plain.insert(plain.end(), source.begin() + choice.unit * kUnit, source.begin() + (choice.unit + 1) * kUnit);
+/// The same, quiet, with pops of a millisecond over it.
+std::vector<float> crackling(std::size_t samples) {
+  auto out = recording(samples);
+  dsp::Random random(5);
+  for (float& x : out) x *= 0.1F;
+  for (std::size_t at = 0; at + kUnit < samples; at += 1 + random.index(10 * kUnit)) {
+    const double peak = random.log_uniform(0.01, 0.5);
+    for (std::size_t n = 0; n < kUnit; ++n)
+      out[at + n] += static_cast<float>(peak * std::exp(-static_cast<double>(n) / 20) * random.normal());
   }
-  CHECK(loudest_steps_db(plain, edges) > loudest_steps_db(out, joins) + 3);
+  return out;
 }
 
-TEST_CASE("a run reaches to the nearest change of sign, at most half a unit away") {
-  std::vector<float> source(10 * kUnit, 0.5F);
-  for (const std::size_t n : {380UL, 381UL, 620UL}) source[n] = -0.5F;  // 20 before unit 2, 20 into what follows it
-  const JoinedSource joined({source}, kUnit);
-  CHECK(joined.before(2).count == 18);  // from 382 on
-  CHECK(joined.before(2).offset == -18);
-  CHECK(joined.after(2).count == 20);  // up to 619
-  CHECK(joined.after(2).offset == kUnit);
-  CHECK(joined.before(2).samples == source.data() + 382);
+TEST_CASE("joins step no more than 3 dB louder than any other place") {
+  for (const auto& source : {recording(48000 * 20), crackling(48000 * 20)}) {
+    const JoinedSource joined({source}, kUnit);
+    const auto choices = random_choices(20000, joined.units());
+    std::vector<std::int64_t> joins, anywhere;
+    const auto out = concatenated(joined, choices, &joins);
+    dsp::Random random(3);
+    for (int k = 0; k < 40000; ++k) anywhere.push_back(random.index(static_cast<std::uint32_t>(out.size())));
+    CHECK(loudest_steps_db(out, joins) <= loudest_steps_db(out, anywhere) + 3);
 
-  const Piece fading = joined.before(6);  // no change of sign near
+    std::vector<float> plain;
+    std::vector<std::int64_t> edges;
+    for (const Choice& choice : choices) {
+      edges.push_back(static_cast<std::int64_t>(plain.size()));
+      plain.insert(plain.end(), source.begin() + choice.unit * kUnit, source.begin() + (choice.unit + 1) * kUnit);
+    }
+    CHECK(loudest_steps_db(plain, edges) > loudest_steps_db(out, joins) + 3);
+  }
+}
+
+TEST_CASE("a run reaches to the nearest gentle change of sign, at most half a unit away") {
+  constexpr float kWave[] = {0.1F, 0.2F, 0.5F, 0.2F, 0.1F, -0.1F, -0.2F, -0.5F, -0.2F, -0.1F};
+  std::vector<float> source;
+  for (std::size_t n = 0; n < 10 * kUnit; ++n) source.push_back(kWave[(n + 2) % 10]);  // changes sign at 3, 8, 13...
+  for (std::size_t n = 990; n < 1004; ++n) source[n] *= 10;                            // a pop where unit 5 begins
+  std::fill(source.begin() + 1450, source.end(), 0.5F);
+  const JoinedSource joined({source}, kUnit);
+  CHECK(joined.before(2).count == 2);
+  CHECK(joined.before(2).offset == -2);
+  CHECK(joined.before(2).samples == source.data() + 398);
+  CHECK(joined.after(2).count == 3);
+  CHECK(joined.after(2).offset == kUnit);
+  CHECK(joined.before(5).count == 12);  // before the pop, though there are nearer changes within it
+  CHECK(joined.before(5).samples == source.data() + 988);
+  CHECK(joined.after(4).count == 8);  // and after it
+
+  const Piece fading = joined.before(8);  // no change of sign near
   REQUIRE(fading.count == kUnit / 2);
   CHECK(fading.samples[0] < 0.01F);
   CHECK(fading.samples[kUnit / 2 - 1] > 0.49F);
-  const Piece out = joined.after(6);
+  const Piece out = joined.after(8);
   REQUIRE(out.count == kUnit / 2);
   CHECK(out.samples[0] > 0.49F);
   CHECK(out.samples[kUnit / 2 - 1] < 0.01F);
