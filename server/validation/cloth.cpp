@@ -249,8 +249,7 @@ Findings cloth(const Setting& setting) {
       for (std::uint64_t k = 0; k < kTakes; ++k)
         takes.push_back(play_cloth(corpus, prepared, motion.seen, setting.seed + k));
       const PlayedCloth& played = takes.front();
-      check(fmt::format("loudness/{}/{}", motion.name, name), loudness_followed(corpus, played),
-            at_least(&motion == &motions.front() ? 0.9 : 0.95), "",
+      check(fmt::format("loudness/{}/{}", motion.name, name), loudness_followed(corpus, played), at_least(0.95), "",
             "correlation of the first feature of the warped target with that of the result, unit by unit");
       check(fmt::format("repeated/{}/{}", motion.name, name), repeated(corpus, played), at_most(0), "",
             "units that came again before they had cooled off, in any patch (Algorithm 1)");
@@ -258,7 +257,8 @@ Findings cloth(const Setting& setting) {
             "steps where runs of units begin and end over those at random places, 99.9th percentiles (C6)");
       if (&motion != &motions.front()) continue;
       check("latency/" + name, 1000 * played.latency_s, corpus.unit_s < 0.005 ? at_most(110, "ms") : shown(), "ms",
-            "how much later than its motion it is heard live, the playout delay apart (C5)");
+            "how much later than its motion it is heard live, the playout delay apart: L + 1 units and more (C5), so that "
+            "nothing is asked of longer units than 4.2 ms");
     }
     setting.progress(static_cast<double>(++done) / static_cast<double>(packs.size()));
     std::vector<double> levels_db;
@@ -273,8 +273,8 @@ Findings cloth(const Setting& setting) {
     }
     check("rises/" + name, levels_db[2] - levels_db[0], at_least(6, "dB"), "dB",
           "how much louder a slid piece of 10 x 10 cm is at 1.2 than at 0.1 m/s");
-    check("keeps_rising/" + name, std::min(levels_db[1] - levels_db[0], levels_db[2] - levels_db[1]), at_least(-0.5, "dB"),
-          "dB", "least rise of its level from 0.1 to 0.35 and on to 1.2 m/s: it never falls");
+    check("keeps_rising/" + name, std::min(levels_db[1] - levels_db[0], levels_db[2] - levels_db[1]), at_least(3, "dB"),
+          "dB", "least rise of its level from 0.1 to 0.35 and on to 1.2 m/s");
     Take heard = take;
     heard.material = name;
     pictures.pictures.push_back(

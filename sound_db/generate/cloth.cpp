@@ -128,9 +128,7 @@ pack::SoundPack make_cloth_pack(const ClothMaterial& material, const ClothOption
   tell(0.8);
   const std::vector<std::vector<float>> target = {calibration_target(material, *corpus, options.seed)};
   const pack::TargetFeatures features = pack::target_features(*corpus, target);
-  const bool few = corpus->unit_s > 0.01;  // as the paper's 3 for corduroy, where λ is 0
-  const auto correspondences = pack::proposed_correspondences(*corpus, features, few ? 5 : 13);
-  pack::calibrate(*corpus, features, correspondences);
+  pack::calibrate(*corpus, features, pack::proposed_correspondences(*corpus, features));
   tell(1);
   result.cloth = std::move(corpus);
   return result;

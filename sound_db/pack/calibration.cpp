@@ -161,9 +161,10 @@ std::vector<Correspondence> proposed_correspondences(const ClothCorpus& corpus, 
   std::vector<FeatureClip> all_database = clips_of(corpus.causal.values, dims, corpus.first_unit, length);
   if (all_target.empty() || all_database.empty()) return {};
   std::vector<Correspondence> result;
+  const std::size_t kept = corpus.selection.lambda > 0 ? length : 1, skipped = (length - kept) / 2;
   const auto add = [&](const FeatureClip& from, const FeatureClip& to) {
-    result.push_back({static_cast<double>(from.first) * unit_s, static_cast<double>(to.first) * unit_s,
-                      static_cast<double>(length) * unit_s});
+    result.push_back({static_cast<double>(from.first + skipped) * unit_s, static_cast<double>(to.first + skipped) * unit_s,
+                      static_cast<double>(kept) * unit_s});
   };
   const auto quietest = [](const std::vector<FeatureClip>& clips) {
     return *std::min_element(clips.begin(), clips.end(),

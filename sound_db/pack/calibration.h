@@ -55,7 +55,8 @@ WarpFit fit_warp(const ClothCorpus& corpus, std::span<const float> target, std::
 
 /// Proposed correspondences: clips of `length_s` at equal ranks of loudness among those that sound on both sides, in the
 /// corpus one whose other features stand in the same place of their distribution; the quietest first. The steadier are
-/// preferred. On causal features. Fewer where either side is short.
+/// preferred. On causal features. Fewer where either side is short. Where λ is 0 a clip's middle unit stands for it: its
+/// units differ by chance, and a warp that met them all would magnify what is between them.
 /// The paper's future work; 14 of 0.125 s for units of 1/240 s are what its cotton was given.
 std::vector<Correspondence> proposed_correspondences(const ClothCorpus& corpus, const TargetFeatures& target, int count = 13,
                                                      double length_s = 0.1);

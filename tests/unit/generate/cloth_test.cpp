@@ -16,10 +16,12 @@
 #include "sound_db/dsp/level.h"
 #include "sound_db/dsp/resample.h"
 #include "sound_db/dsp/statistics.h"
+#include "sound_db/dsp/thin_plate_spline.h"
 #include "sound_db/dsp/unit_features.h"
 #include "sound_db/generate/cloth.h"
 #include "sound_db/generate/cloth_motion.h"
 #include "sound_db/generate/cloth_sound.h"
+#include "sound_db/pack/calibration.h"
 #include "sound_db/pack/check.h"
 #include "sound_db/pack/corpus_source.h"
 #include "sound_db/pack/load.h"
@@ -161,6 +163,31 @@ TEST_CASE("Table 3 and section 4.1: units, widths, look-ahead and distances") {
   CHECK(made.at("corduroy").cloth->selection.lambda == 0);
   CHECK(made.at("corduroy").cloth->wale_spacing_m == 0.0014);
   for (const auto& [name, pack] : made) CHECK(pack.cloth->selection.cool_off == 20);
+}
+
+TEST_CASE("what slides faster is aimed at louder sounds of the corpus") {
+  for (const auto& [name, pack] : packs()) {
+    const pack::ClothCorpus& corpus = *pack.cloth;
+    double before = -1000;
+    for (const double speed : {0.1, 0.2, 0.35, 0.6, 1.2}) {
+      std::vector<std::vector<float>> target(1);
+      target[0] = pack::plain_target(
+          corpus, 1, [&](double) { return speed; }, {}, 7);
+      for (float& x : target[0]) x *= std::sqrt(0.2F);  // a fifth of the patch that the sweep was measured with
+      const auto features = pack::target_features(corpus, target);
+      std::vector<float> aimed(corpus.dims());
+      double sum = 0;
+      const std::size_t first = features.units / 2;
+      for (std::size_t unit = first; unit < features.units; ++unit) {
+        dsp::warp(corpus.causal.warp, std::span(features.causal).subspan(unit * corpus.dims(), corpus.dims()), aimed);
+        sum += static_cast<double>(aimed[0]);
+      }
+      const double loudness = sum / static_cast<double>(features.units - first);
+      CAPTURE(name, speed);
+      CHECK(loudness > before);
+      before = loudness;
+    }
+  }
 }
 
 TEST_CASE("the four materials differ pairwise, more than two recordings of one") {

@@ -347,6 +347,16 @@ TEST_CASE("correspondences are cut where either side ends, and residuals fall by
   const auto proposed = proposed_correspondences(plain, features, 6);
   CHECK(proposed.size() == 7);
   for (const auto& pair : proposed) CHECK(units_of(pair, plain, features.units).count == 24);
+  plain.selection.lambda = 0;  // met exactly: the middle unit of each
+  const auto single = proposed_correspondences(plain, features, 6);
+  REQUIRE(single.size() == proposed.size());
+  for (std::size_t i = 0; i < single.size(); ++i) {
+    const UnitInterval clip = units_of(proposed[i], plain, features.units),
+                       unit = units_of(single[i], plain, features.units);
+    CHECK(unit.count == 1);
+    CHECK(unit.target == clip.target + 11);
+    CHECK(unit.database == clip.database + 11);
+  }
 }
 
 }  // namespace
