@@ -28,7 +28,7 @@ using Json = nlohmann::ordered_json;
 
 struct CalibrateArguments {
   std::string folder, target, correspondences, proposals, events, picture;
-  std::optional<double> lambda;
+  std::optional<double> lambda, speed_divisor, speed_exponent;
   double quantile = 0.5, length_s = 0.1;
   int count = 13;
   bool json = false;
@@ -145,6 +145,8 @@ void print_report(const CalibrateArguments& arguments, const pack::ClothCorpus& 
     Json report{{"pack", arguments.folder},
                 {"units", corpus.units()},
                 {"lambda", corpus.selection.lambda},
+                {"speed_divisor", corpus.friction.compression.divisor},
+                {"speed_exponent", corpus.friction.compression.exponent},
                 {"nodes", corpus.causal.warp.node_count()},
                 {"proposed", arguments.correspondences.empty()},
                 {"correspondences", list}};
@@ -165,6 +167,9 @@ int run_calibrate(const CalibrateArguments& arguments) {
   if (!loaded) return complain(loaded.error(), kFailed);
   auto& [pack, corpus] = *loaded;
   if (arguments.lambda) corpus.selection.lambda = *arguments.lambda;
+  pack::SpeedCompression& compression = corpus.friction.compression;
+  compression.divisor = arguments.speed_divisor.value_or(compression.divisor);
+  compression.exponent = arguments.speed_exponent.value_or(compression.exponent);
   const auto channels = target_of(arguments, corpus);
   if (!channels) return complain(channels.error(), kFailed);
   const pack::TargetFeatures target = pack::target_features(corpus, *channels);
@@ -232,6 +237,16 @@ void add_pack_calibrate(CLI::App& pack, Action& action) {
       ->check(CLI::Range(0.01, 10.0));
   command->add_option("--lambda", arguments->lambda, "The warp's regularization; the pack's when absent")
       ->check(CLI::Range(0.0, 1e15));
+  command
+      ->add_option("--speed-divisor", arguments->speed_divisor,
+                   "Of the sheet's sliding speeds, (s / divisor)^exponent in m/s, where an animation is faster than was "
+                   "measured; the pack's when absent, at first 1")
+      ->check(CLI::Range(0.01, 100.0));
+  command
+      ->add_option("--speed-exponent", arguments->speed_exponent,
+                   "Above 1 it subdues slow contacts, as of stiff cloth that is simulated with difficulty; the pack's when "
+                   "absent, at first 1")
+      ->check(CLI::Range(0.1, 10.0));
   command->add_option("--events", arguments->events,
                       "Events of the calibration animation, as `rustle render --events` writes them: crumpling energies");
   command

@@ -38,6 +38,11 @@ FrictionSweep read_sweep(Reader& object, double& gain_db) {
   gain_db = object.number("gain_db", 0.0, -200, 200);
   sweep.patch_area_m2 = object.number("patch_area_m2", sweep.patch_area_m2, 1e-6, 100);
   sweep.speed_threshold_m_per_s = object.number("speed_threshold_m_per_s", 0.0, 0, 100);
+  if (auto compression = object.object("speed_compression", false)) {
+    sweep.compression.divisor = compression->number("divisor", 1.0, 0.01, 100);
+    sweep.compression.exponent = compression->number("exponent", 1.0, 0.1, 10);
+    compression->warn_unknown();
+  }
   object.warn_unknown();
   return sweep;
 }
@@ -137,6 +142,8 @@ Json cloth_json(const ClothManifest& manifest) {
                          {"gain_db", manifest.friction_gain_db},
                          {"patch_area_m2", corpus.friction.patch_area_m2},
                          {"speed_threshold_m_per_s", corpus.friction.speed_threshold_m_per_s}};
+  if (const SpeedCompression& compression = corpus.friction.compression; compression != SpeedCompression{})
+    section["friction"]["speed_compression"] = {{"divisor", compression.divisor}, {"exponent", compression.exponent}};
   if (!corpus.crumpling) return section;
   Json crumpling{{"gain_db", manifest.crumpling_gain_db}, {"units", Json::array()}};
   for (const ClothCrumplingUnit& unit : corpus.crumpling->units) crumpling["units"].push_back({{"file", unit.file}});

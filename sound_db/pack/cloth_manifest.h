@@ -12,7 +12,8 @@
 ///    "features": {"widths": [3 numbers], "causal": FILE, "symmetric": FILE},         .npy [units][3 channels]
 ///    "selection": {"look_ahead", "d_max", "cool_off"},
 ///    "warp": {"lambda", "causal": {"centre": [], "scale", "affine": [], "file"}, "symmetric": {...}},
-///    "friction": {"file", "fft_size", "speeds_m_per_s": [], "gain_db", "patch_area_m2", "speed_threshold_m_per_s"},
+///    "friction": {"file", "fft_size", "speeds_m_per_s": [], "gain_db", "patch_area_m2", "speed_threshold_m_per_s",
+///                 "speed_compression": {"divisor", "exponent"}},
 ///    "crumpling": {"gain_db", "units": [{"file"}], "events": {"least_m", "most_m", "counts": []}}}
 ///
 /// A warp's file is .npy, float64, [nodes][2 dims]: the node, then its weights; without it the warp is affine, without

@@ -138,6 +138,7 @@ tl::expected<void, PackError> write_calibration(const ClothCorpus& corpus, const
   stored.selection = now.selection;
   stored.causal = now.causal;
   stored.symmetric = now.symmetric;
+  stored.friction.compression = now.friction.compression;
   if (stored.crumpling && now.crumpling) stored.crumpling->event_amplitudes = now.crumpling->event_amplitudes;
   Writing write(folder);
   write_features(corpus, write);

@@ -15,8 +15,9 @@ namespace rustle::pack {
 [[nodiscard]] tl::expected<ClothManifest, PackError> write_cloth(const ClothCorpus& corpus,
                                                                  const std::filesystem::path& folder);
 
-/// Replaces a pack's features, warps and calibration by those of a corpus that was loaded from it at its stored rate; all
-/// other files stay as they are, and so does everything else that pack.json says. pack.json is written last. Control side.
+/// Replaces a pack's features, warps, speed compression and calibration by those of a corpus that was loaded from it at its
+/// stored rate; all other files stay as they are, and so does everything else that pack.json says. pack.json is written
+/// last. Control side.
 [[nodiscard]] tl::expected<void, PackError> write_calibration(const ClothCorpus& corpus,
                                                               const std::filesystem::path& folder);
 

@@ -25,6 +25,11 @@ Place place_of(const FrictionSweep& sweep, double speed_m_per_s) noexcept {
 
 }  // namespace
 
+double SpeedCompression::operator()(double speed_m_per_s) const noexcept {
+  if (!(speed_m_per_s > 0)) return 0;
+  return *this == SpeedCompression{} ? speed_m_per_s : std::pow(speed_m_per_s / divisor, exponent);
+}
+
 int friction_clip_length(double rate_hz) noexcept {
   return 2 * static_cast<int>(std::lround(kFrictionClip_s * rate_hz / 2));
 }

@@ -14,6 +14,16 @@ inline constexpr double kFrictionClip_s = 0.050;  ///< of cloth's friction noise
 /// FFT size of a clip at a rate: a multiple of 2, its hop a whole number of samples; 2400 at 48 kHz.
 int friction_clip_length(double rate_hz) noexcept;
 
+/// The speed whose friction a simulated one sounds of, s ← (s / divisor)^exponent in m/s: brings cloth that slides faster
+/// than was measured into range, and with an exponent above 1 subdues its slow contacts (An et al. 2012, section 5, where
+/// characters have a divisor of 4). 1 and 1: the same.
+struct SpeedCompression {
+  double divisor = 1;
+  double exponent = 1;
+  double operator()(double speed_m_per_s) const noexcept;
+  friend bool operator==(const SpeedCompression&, const SpeedCompression&) = default;
+};
+
 /// What cloth sounds like sliding at some speeds (An et al. 2012, section 2): spectra A_i at speeds s_i, of a patch of a
 /// known area. Magnitudes are as in Spectrum: white noise of unit variance per sample has magnitude 1 in every bin, so that
 /// the same sound has the same RMS, √(mean M²), at every FFT size.
@@ -25,6 +35,7 @@ struct FrictionSweep {
   std::vector<double> rms;               ///< [speeds] of each spectrum's noise
   double patch_area_m2 = 0.01;           ///< A_patch of the vertex gain √(A_v / A_patch) (C1)
   double speed_threshold_m_per_s = 0.0;  ///< s_thresh: what has not yet been faster is silent
+  SpeedCompression compression;          ///< of the sheet's speeds; the spectra's are not
   std::size_t bins() const noexcept { return fft_size / 2 + 1; }
   std::span<const float> spectrum(std::size_t speed) const noexcept {
     return std::span(magnitudes).subspan(speed * bins(), bins());

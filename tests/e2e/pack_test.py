@@ -248,12 +248,13 @@ class Cloth(RustleTest):
         write_wav(target, coloured(5, np.random.default_rng(8), 0.02)[0])
         pairs.write_text("target_s,database_s,length_s\n0.5,1.0,0.1\n2.5,7.0,0.1\n99,0,0.1\n")
         given = json.loads(rustle("pack", "calibrate", pack, "--target", target, "--correspondences", pairs, "--lambda", 0,
-                                  "--events", events, "--quantile", 0.3, "--json").stdout)
+                                  "--events", events, "--quantile", 0.3, "--speed-divisor", 4, "--speed-exponent", 1.5, "--json").stdout)
         self.assertEqual([c["units"] for c in given["correspondences"]], [24, 24, 0])
         self.assertLess(max(c["distance_after"] for c in given["correspondences"]), 1e-4)
         self.assertAlmostEqual(given["events"]["least_m"], 0.30, delta=0.011)
         manifest = json.loads((pack / "pack.json").read_text())["cloth"]
         self.assertEqual(manifest["warp"]["lambda"], 0)
+        self.assertEqual(manifest["friction"]["speed_compression"], {"divisor": 4, "exponent": 1.5})
         self.assertEqual(len(np.load(pack / manifest["warp"]["causal"]["file"])), 48)
         for path, data in others.items():
             self.assertEqual(path.read_bytes(), data, path)

@@ -12,7 +12,7 @@ constexpr double kSlowest = 0.05;  ///< of the slowest measured speed: -52 dB ag
 }  // namespace
 
 FrictionPowers::FrictionPowers(const pack::FrictionSweep& sweep)
-    : bins_(sweep.bins()), slowest_(kSlowest * sweep.speeds_m_per_s.front()) {
+    : bins_(sweep.bins()), compression_(sweep.compression), slowest_(kSlowest * sweep.speeds_m_per_s.front()) {
   const double fastest = sweep.speeds_m_per_s.back();
   octave_rows_ = (kRows - 2) / std::log2(fastest / slowest_);
   const pack::FrictionSpectra spectra(sweep);
@@ -30,6 +30,7 @@ FrictionPowers::FrictionPowers(const pack::FrictionSweep& sweep)
 
 void FrictionPowers::weigh(double speed_m_per_s, double weight, std::span<double> row_weights) const noexcept {
   assert(row_weights.size() == rows());
+  speed_m_per_s = compression_(speed_m_per_s);
   if (!(speed_m_per_s > 0)) return;
   const double last = static_cast<double>(kRows - 1);
   std::size_t row = 0;

@@ -18,7 +18,8 @@ class FrictionPowers {
   std::size_t rows() const noexcept { return speeds_m_per_s_.size(); }
   std::size_t bins() const noexcept { return bins_; }
 
-  /// Adds a vertex that slides at this speed to the weights of the rows: `weight` is the square of its gain √(A_v/A_patch).
+  /// Adds a vertex that slides at this speed, which the sweep's compression applies to, to the weights of the rows: `weight`
+  /// is the square of its gain √(A_v/A_patch).
   /// Nothing at 0 and below. \pre row_weights.size() == rows()
   void weigh(double speed_m_per_s, double weight, std::span<double> row_weights) const noexcept;
 
@@ -29,6 +30,7 @@ class FrictionPowers {
   static constexpr std::size_t kRows = 192;
 
   std::size_t bins_;
+  pack::SpeedCompression compression_;
   std::vector<double> speeds_m_per_s_;  ///< the first 0, then geometrically
   double slowest_, octave_rows_;        ///< of those after it, and how many of them double the speed
   std::vector<float> powers_;           ///< [rows][bins]

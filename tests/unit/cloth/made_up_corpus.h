@@ -38,6 +38,7 @@ struct CorpusOptions {
   int look_ahead = 5;
   bool crumples = true;
   double speed_threshold_m_per_s = 0;
+  pack::SpeedCompression compression = {};
   std::uint64_t seed = 1;
 };
 
@@ -57,6 +58,7 @@ inline std::shared_ptr<const pack::ClothCorpus> corpus(const CorpusOptions& opti
   }
   made->friction.speeds_m_per_s = {0.1, 0.4, 1.0};
   made->friction.speed_threshold_m_per_s = options.speed_threshold_m_per_s;
+  made->friction.compression = options.compression;
   for (std::size_t i = 0; i < 3; ++i) {
     for (std::size_t k = 0; k < made->friction.bins(); ++k) {
       made->friction.magnitudes.push_back(

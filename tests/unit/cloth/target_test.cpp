@@ -178,6 +178,12 @@ TEST_CASE("friction is as loud as measured, whatever the resolution, and does no
   CHECK(10 * std::log10(high / low) < 0.3);
 }
 
+TEST_CASE("compressed speeds sound as those that they become") {
+  const auto as_it_is = prepared_with({}), compressed = prepared_with({.compression = {4, 1.5}});
+  CHECK(steady(compressed, 3, 1.0, 0.01, 0.2) == steady(as_it_is, 3, 0.125, 0.01, 0.2));
+  CHECK(steady(compressed, 3, 0.0, 0.01, 0.2) == steady(as_it_is, 3, 0.0, 0.01, 0.2));
+}
+
 TEST_CASE("noise is its own for every seed and patch, and the same for the same") {
   const auto corpus = prepared_with({});
   CHECK(steady(corpus, 3, 0.3, 0.01, 0.2) == steady(corpus, 3, 0.3, 0.01, 0.2));

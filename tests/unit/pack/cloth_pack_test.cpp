@@ -45,6 +45,7 @@ ClothCorpus example_corpus() {
   corpus.wale_spacing_m = 0.0014;
   corpus.friction.file = "cloth/friction.npy";
   corpus.friction.speeds_m_per_s = {0.1, 0.4};
+  corpus.friction.compression = {4, 1.5};
   for (std::size_t i = 0; i < 2; ++i) {
     for (std::size_t k = 0; k < corpus.friction.bins(); ++k) {
       corpus.friction.magnitudes.push_back(
