@@ -175,6 +175,7 @@ Observation SheetAnalyzer::analyze(const sheet::MeshFrame& frame, const SheetSur
 
   const std::shared_ptr<const sheet::Topology> before = state_.curvature ? state_.curvature->topology : nullptr;
   const std::optional<Arrival> arrival = follow_topology(frame);
+  if (arrival) out.origins = arrival->origins;
   const CurvatureStencils& curvature = *state_.curvature;
   const Vec3f near_m = sheet::mean_position_m(frame.positions_m);
   const Vec3d origin_m = near_m.cast<double>();
@@ -294,6 +295,7 @@ std::optional<SheetAnalyzer::Arrival> SheetAnalyzer::follow_topology(const sheet
   }
   carry(*transfer, parameters_, state_.crumpling);
   state_.carried_m = carried(*transfer, state_.last->positions_m);
+  for (const sheet::Transfer::Origin& origin : transfer->origins) arrival.origins.push_back(origin.closest());
   arrival.remade = std::move(transfer->remade);
   return arrival;
 }

@@ -106,6 +106,7 @@ class SheetAnalyzer {
   /// Brings the state to the frame's topology. Returns the vertices that are new to the history.
   struct Arrival {
     std::vector<bool> remade;
+    std::vector<std::uint32_t> origins;  ///< as Observation has them
     bool silent = false;
     bool unidentified = false;  ///< remade vertices without material coordinates
   };

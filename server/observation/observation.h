@@ -109,6 +109,9 @@ struct Observation {
   double time_s = 0;                                ///< of the frame
   double previous_time_s = 0;                       ///< of the frame before, == time_s for the first
   std::shared_ptr<const sheet::Topology> topology;  ///< of the frame: what vertices are numbered by; null: unknown
+  /// Where the mesh is made anew and the material was followed (P14): the vertex of the mesh before that each vertex is next
+  /// to on the sheet. Empty where it is the same mesh, or nothing is known.
+  std::vector<std::uint32_t> origins;
   std::vector<CrumplingEvent> crumpling;
   std::vector<FrictionContact> friction;  ///< every component in contact now; an episode that is missing has ended
   std::vector<TearEvent> tears;

@@ -93,13 +93,13 @@ class ClothPlan final : public PlanModel {
     const auto before = std::exchange(state.topology, observation.topology);
     const auto& now = state.topology;
     if (!before || !now || before == now || sheet::same_structure(*before, *now)) return;
-    if (before->material_coordinates_m().empty() || now->material_coordinates_m().empty() || before->vertex_count() == 0) {
-      for (auto& [material, stream] : state.streams) stream.forget_vertices();
-      return;
+    for (auto& [material, stream] : state.streams) {
+      if (observation.origins.empty()) {
+        stream.forget_vertices();
+      } else {
+        stream.renumber(observation.origins);
+      }
     }
-    std::vector<std::uint32_t> origins;
-    for (const auto& origin : sheet::transfer_by_material(*before, *now).origins) origins.push_back(origin.closest());
-    for (auto& [material, stream] : state.streams) stream.renumber(origins);
   }
 
   /// The sheet has other packs than before.

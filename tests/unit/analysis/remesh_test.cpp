@@ -265,6 +265,24 @@ TEST_CASE("renumbered and welded vertices are recognised, with and without mater
   }
 }
 
+TEST_CASE("vertices of a renumbered mesh are where they come from", "[remesh]") {
+  const auto mesh = sheets::make_rectangle(MeshKind::kDelaunay, kWidth_m, kHeight_m, 446);
+  for (const bool material : {true, false}) {
+    const Meshed before = meshed(mesh, material), after = meshed(renumbered(mesh, 7), material);
+    analysis::SheetAnalyzer analyzer(1, {});
+    std::uint64_t next_id = 1;
+    std::vector<std::uint32_t> origins;
+    for (int k = 0; k < 3; ++k) {
+      const Meshed& now = k < 2 ? before : after;
+      origins = analyzer.analyze(test::frame_of(now.mesh, now.topology, test::arc(5), k / 60.0), {}, next_id).origins;
+      if (k < 2) CHECK(origins.empty());
+    }
+    REQUIRE(origins.size() == after.mesh.material_coordinates.size());
+    for (std::size_t v = 0; v < origins.size(); ++v)
+      CHECK(after.mesh.material_coordinates[v] == before.mesh.material_coordinates[origins[v]]);
+  }
+}
+
 TEST_CASE("a mesh that is new at every frame, without material coordinates, is silent, and counted", "[remesh]") {
   for (const std::size_t triangles : {183, 1333}) {
     const auto cycle = remeshes(kWidth_m, kHeight_m, triangles, 6, false);

@@ -179,6 +179,43 @@ TEST_CASE("Cloth is the same however its frames and its sound take turns, and wh
   CHECK(std::equal(eager.begin() + 4800, eager.end() - kLater, once.begin() + 4800 + kLater));
 }
 
+/// Triangles of 20 vertices, numbered upwards or downwards.
+std::shared_ptr<const sheet::Topology> numbered(bool upwards) {
+  sheet::Topology::Input input;
+  input.id = upwards ? 1 : 2;
+  input.vertex_count = 20;
+  for (std::uint32_t v = 0; v + 2 < 20; ++v)
+    input.triangles.push_back(upwards ? sheet::Triangle{v, v + 1, v + 2} : sheet::Triangle{19 - v, 18 - v, 17 - v});
+  return *sheet::Topology::make(std::move(input));
+}
+
+TEST_CASE("Cloth whose mesh is made anew sounds on as its material slides") {
+  const auto up = numbered(true), down = numbered(false);
+  enum { kSame, kFollowed, kUnknown };
+  const auto play = [&](int remeshed) {
+    ClothRig rig(pack_of("cotton", {.crumples = false}));
+    const auto sliding = [&](int k, double begin_s) {
+      Observation out = frame(k, begin_s);
+      // One half of the vertices slides, the other one rests.
+      const bool turned = remeshed != kSame && k >= 30;
+      out.topology = turned ? down : up;
+      out.friction.push_back(contact(0, 0.2 + 0.3 * (k % 2)));
+      for (auto& vertex : out.friction[0].vertices) {
+        if ((turned ? 19 - vertex.vertex : vertex.vertex) >= 10) vertex.slip_velocity_m_per_s *= 0;
+      }
+      if (k == 30 && remeshed == kFollowed) {
+        for (std::uint32_t v = 0; v < 20; ++v) out.origins.push_back(19 - v);
+      }
+      return out;
+    };
+    return rig.play(sliding, 60)[0];
+  };
+  const auto same = play(kSame);
+  REQUIRE(rms(same) > 1e-4);
+  CHECK(play(kFollowed) == same);
+  CHECK(play(kUnknown) != same);
+}
+
 TEST_CASE("Nothing starts before what was settled, and the declared latency is enough at 60 frames a second") {
   ClothRig rig(pack_of("cotton", {}));
   SampleTime settled = rig.planner.settled(1);
