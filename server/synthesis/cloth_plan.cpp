@@ -1,6 +1,7 @@
 #include "server/synthesis/cloth_plan.h"
 
 #include <algorithm>
+#include <limits>
 #include <list>
 #include <map>
 #include <utility>
