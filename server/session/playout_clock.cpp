@@ -37,7 +37,7 @@ constexpr double kGrantedDelay_s = 0.080;  // covers lost frames
 constexpr double kMostInterval_s = 0.050;  // that the delay covers
 constexpr double kJitterQuantile = 0.99, kNeededQuantile = 0.995;
 constexpr double kShrink = 0.005;  // s per s
-constexpr double kSettleEvery_s = 0.05;
+constexpr double kSettleEvery_s = 0.05, kSettleLearnedEvery_s = 0.2;
 constexpr double kLearned_s = 1;
 
 constexpr double kGrowIn_s = 0.2, kShrinkIn_s = 0.5;
@@ -236,7 +236,7 @@ void PlayoutClock::fit() {
 }
 
 void PlayoutClock::settle_delay(double now_s) {
-  if (now_s - delay_settled_s_ < kSettleEvery_s) return;
+  if (now_s - delay_settled_s_ < (now_s - line_laid_s_ < kLearned_s ? kSettleEvery_s : kSettleLearnedEvery_s)) return;
   const double since_s = std::min(now_s - delay_settled_s_, 1.0);
   delay_settled_s_ = now_s;
   // Those that lie late by now have been held up, or have left the line: what comes next tells.

@@ -35,8 +35,8 @@ Scheduler::~Scheduler() {
     std::scoped_lock lock(turns_mutex_, due_mutex_);
     stopping_ = true;
   }
-  turn_wanted_.notify_all();
-  short_turn_wanted_.notify_all();
+  any_turn_.called.notify_all();
+  short_turn_.called.notify_all();
   due_changed_.notify_all();
   for (auto& thread : threads_) thread.join();
 }
@@ -76,25 +76,30 @@ void Scheduler::wake_analysis(const Held& session) {
   if (!session->analysis_scheduled.exchange(true)) queue(session);
 }
 
+bool Scheduler::call(Waiting& workers) {
+  if (workers.idle == 0) return false;
+  --workers.idle;
+  ++workers.calls;
+  workers.called.notify_one();
+  return true;
+}
+
 void Scheduler::queue(Held session) {
-  bool short_waits = false;
-  {
-    std::lock_guard lock(turns_mutex_);
-    turns_.want(std::move(session));
-    short_waits = turns_.short_waits();
-  }
-  turn_wanted_.notify_one();
-  if (short_waits) short_turn_wanted_.notify_one();
+  std::lock_guard lock(turns_mutex_);
+  turns_.want(std::move(session));
+  if (!call(any_turn_) && turns_.short_waits()) call(short_turn_);
 }
 
 void Scheduler::run_analysis(bool short_only) {
   begun(short_only ? "rustle-short" : "rustle-analyse", options_.analysis_cpus, false);
-  std::condition_variable& wanted = short_only ? short_turn_wanted_ : turn_wanted_;
+  Waiting& waiting = short_only ? short_turn_ : any_turn_;
   std::unique_lock lock(turns_mutex_);
   while (!stopping_) {
     const auto session = turns_.take(short_only);
     if (!session) {
-      wanted.wait(lock);
+      ++waiting.idle;
+      waiting.called.wait(lock, [&] { return stopping_ || waiting.calls > 0; });
+      waiting.calls -= stopping_ ? 0 : 1;
       continue;
     }
     lock.unlock();

@@ -69,7 +69,15 @@ class Scheduler {
   const std::function<void()> audio_ready_;
 
   mutable std::mutex turns_mutex_;
-  std::condition_variable turn_wanted_, short_turn_wanted_;
+  /// Analysis workers of one kind that have nothing to do. Who queues a session calls one of them, once: a call costs more
+  /// Analysis workers of one kind. Who queues a session calls one of those that have nothing to do, once.
+  struct Waiting {
+    std::condition_variable called;
+    int idle = 0;   ///< wait and have not been called
+    int calls = 0;  ///< that have not been answered yet
+  };
+  bool call(Waiting& workers);  ///< False: all are at work, and look for more when they are done. turns_mutex_ is held
+  Waiting any_turn_, short_turn_;
   TurnQueue<Held> turns_;
   WallClock::Duration analysis_busy_{};
   bool stopping_ = false;  // both mutexes
