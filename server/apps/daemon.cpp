@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <new>
 #include <utility>
 
 #include "server/apps/log.h"
@@ -72,6 +73,26 @@ wire::Error unidentified(sheet::SheetId sheet) {
           0,
           std::nullopt,
           {}};
+}
+
+wire::Error out_of_memory() {
+  return {wire::ErrorCode::kOverloaded,
+          "request",
+          "The daemon has no memory for that.",
+          "Try again later, or with less.",
+          0,
+          std::nullopt,
+          {}};
+}
+
+/// Does one thing of many: where memory runs out, that one is left, and the others go on.
+template <typename Thing>
+void do_if_it_fits(Thing&& thing) {
+  try {
+    thing();
+  } catch (const std::bad_alloc&) {
+    spdlog::error("out of memory: something that was asked for has been left undone");
+  }
 }
 
 wire::Error unsupported(std::string message, std::string remedy) {
@@ -167,13 +188,14 @@ void Daemon::run(const std::atomic<bool>& stop, const std::function<void()>& bet
   while (!stop.load()) {
     if (between) between();
     events.clear();
-    sockets_->poll(guests_.empty() && strangers_.empty() ? milliseconds(200) : milliseconds(20), events);
-    for (auto& event : events) std::visit([this](auto& e) { handle(e); }, event);
-    serve_guests();
-    serve_recordings();
-    watch_load();
-    finish_reloads();
-    tell_of_sockets();
+    do_if_it_fits(
+        [&] { sockets_->poll(guests_.empty() && strangers_.empty() ? milliseconds(200) : milliseconds(20), events); });
+    for (auto& event : events) do_if_it_fits([&] { std::visit([this](auto& e) { handle(e); }, event); });
+    do_if_it_fits([&] { serve_guests(); });
+    do_if_it_fits([&] { serve_recordings(); });
+    do_if_it_fits([&] { watch_load(); });
+    do_if_it_fits([&] { finish_reloads(); });
+    do_if_it_fits([&] { tell_of_sockets(); });
   }
   drain(between);
   end_recordings();
@@ -215,9 +237,18 @@ void Daemon::handle(wire::ControlRequestReceived& event) {
       sockets_->send_control(event.peer, wire::encode_reply(id, *stopped));
     return;
   }
-  const wire::ControlReply reply = request ? answer(*request, event.user) : wire::ControlReply(request.error().error);
+  const wire::ControlReply reply =
+      request ? answer_if_it_fits(*request, event.user) : wire::ControlReply(request.error().error);
   if (const auto* error = std::get_if<wire::Error>(&reply)) complain("control request", *error);
   sockets_->send_control(event.peer, wire::encode_reply(id, reply));
+}
+
+wire::ControlReply Daemon::answer_if_it_fits(const wire::ControlRequest& request, const std::string& user) {
+  try {
+    return answer(request, user);
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
 }
 
 wire::ControlReply Daemon::answer(const wire::ControlRequest& request, const std::string& user) {
@@ -299,23 +330,38 @@ wire::ControlReply Daemon::attach(const wire::ControlRequest& request, const wir
     if (!made) return made.error();
     file = std::move(*made);
   }
-  wire::Attached attached{id, {}, std::nullopt, file.name};
-  Guest& admitted = admit(id, body.name, options, *head, true, user);
+  try {
+    admit(id, body.name, options, *head, true, user);
+    return furnish(id, body, std::move(file));
+  } catch (const std::bad_alloc&) {
+    dismiss(id);
+    throw;
+  }
+}
+
+wire::ControlReply Daemon::furnish(const std::string& id, const wire::AttachRequest& body, Recorder::NewFile file) {
+  Guest& admitted = *guest(id);
+  const session::SessionOptions& options = admitted.session->options();
+  wire::Attached attached{id, options, std::nullopt, file.name};
   if (options.record) recorder_->begin(std::move(file), admitted.session, admitted.name, nullptr, 1);
   for (const auto& sheet : body.sheets) {
     if (auto added = admitted.decoder.add_sheet(sheet); !added) {
-      const wire::Error error = added.error();
-      if (recorder_) recorder_->finish(*admitted.session);
-      scheduler_->remove(admitted.session);
-      guests_.erase(id);
-      return error;
+      dismiss(id);
+      return added.error();
     }
     take_attached(admitted, sheet);
   }
   scheduler_->wake_analysis(admitted.session);
-  attached.options = admitted.session->options();
   if (options.clock == session::Clock::kSimulation) attached.credit = wire::FlowCredit{0, kWindowMessages, kWindowBytes};
   return attached;
+}
+
+void Daemon::dismiss(const std::string& id) {
+  const auto found = guests_.find(id);
+  if (found == guests_.end()) return;
+  if (recorder_) recorder_->finish(*found->second->session);
+  scheduler_->remove(found->second->session);
+  guests_.erase(found);
 }
 
 wire::Error Daemon::too_many_sessions() const {
@@ -343,11 +389,11 @@ Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::S
   const AboutSession about(id);
   options = session::settled(std::move(options));
   auto session = std::make_shared<session::Session>(id, options, packs_, *clock_, head);
-  scheduler_->add(session);
-  auto& place = guests_[id];
   // A device takes sound block by block.
-  place = std::make_unique<Guest>(std::move(session), std::move(name), attached, options_.budget, *sockets_,
-                                  playback_ ? 1 : kMostBlocks);
+  auto made =
+      std::make_unique<Guest>(session, std::move(name), attached, options_.budget, *sockets_, playback_ ? 1 : kMostBlocks);
+  auto& place = guests_[id] = std::move(made);
+  scheduler_->add(std::move(session));
   place->owner = owner;
   place->last_heard = clock_->now();
   sockets_->cut_listeners();  // who heard an earlier session of this name may not hear this one

@@ -150,7 +150,13 @@ class Daemon {
   void handle(wire::SubscriptionChanged& event);
 
   wire::ControlReply answer(const wire::ControlRequest& request, const std::string& user);
+  /// The same; where memory runs out, the client is told so.
+  wire::ControlReply answer_if_it_fits(const wire::ControlRequest& request, const std::string& user);
   wire::ControlReply attach(const wire::ControlRequest& request, const wire::AttachRequest& body, const std::string& user);
+  /// The sheets that an attaching client named, and where its recording goes. Nothing of the session stays where one of them
+  /// is refused.
+  wire::ControlReply furnish(const std::string& id, const wire::AttachRequest& body, Recorder::NewFile file);
+  void dismiss(const std::string& id);
   /// Ends the stream of a guest that leaves, once all it sent has come, and answers when all of it is accounted for.
   void say_goodbye(Guest& leaving);
   wire::ControlReply set_gains(Guest& asked, const wire::SetGainsRequest& request);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <new>
 #include <utility>
 
 #include "server/session/settled_options.h"
@@ -217,12 +218,35 @@ WallClock::Duration Session::analysis_stalled() const {
 // ---------------------------------------------------------------------------------------------------- analysis worker
 
 bool Session::analyse() {
+  try {
+    return analyse_next();
+  } catch (const std::bad_alloc&) {
+    leave_item();
+    return wants_analysis();
+  }
+}
+
+void Session::leave_item() {
+  std::uint64_t sequence = 0;
+  {
+    std::lock_guard lock(inbox_mutex_);
+    if (!std::exchange(busy_, false)) return;
+    ++counters_.items_refused;
+    if (std::exchange(frame_uncounted_, false)) ++counters_.frames_dropped["memory"];
+    sequence = taken_sequence_;
+  }
+  std::lock_guard lock(outcomes_mutex_);
+  if (sequence != 0) outcomes_.emplace_back(Analysed{sequence});
+  has_news.store(true);
+}
+
+bool Session::analyse_next() {
   collect_retired();
   if (held_) hand_over(std::move(held_));
   if (held_) return false;
 
-  std::optional<Inbox::Waiting> next = next_item();
   auto batch = std::make_unique<engine::CueBatch>();
+  std::optional<Inbox::Waiting> next = next_item();
   const std::int64_t rendered = rendered_.load(std::memory_order_acquire);
   Step step;
   std::optional<engine::TimeMapping> mapping;
@@ -281,7 +305,7 @@ bool Session::analyse() {
   std::optional<observation::Observation> seen;
   {
     std::lock_guard lock(inbox_mutex_);
-    busy_ = false;
+    busy_ = frame_uncounted_ = false;
     counters_.plan = ingest_.counters();
     if (const auto* load = std::get_if<engine::LoadLevel>(&next->item)) counters_.load_level = load->level;
     if (live()) {
@@ -338,7 +362,11 @@ std::optional<Inbox::Waiting> Session::next_item() {
   count_lost();
   watch_inbox();
   busy_ = next.has_value();
-  if (busy_) taken_at_ = clock_.now();
+  if (busy_) {
+    taken_at_ = clock_.now();
+    taken_sequence_ = next->sequence;
+    frame_uncounted_ = std::holds_alternative<sheet::MeshFrame>(next->item);
+  }
   return next;
 }
 

@@ -197,7 +197,10 @@ class Session {
 
   void count_lost();                          // inbox_mutex_ is held
   void watch_inbox();                         // inbox_mutex_ is held
+  bool analyse_next();                        // analysis worker
   std::optional<Inbox::Waiting> next_item();  // analysis worker
+  /// The item under way is left, as there is no memory for it. [analysis worker]
+  void leave_item();
   WallClock::Duration reorder_wait() const;
   /// What is due is known as far as this item says. [analysis worker]
   void cover(const engine::StreamItem& item, bool taken);
@@ -239,6 +242,8 @@ class Session {
   mutable std::mutex inbox_mutex_;
   Inbox inbox_;
   bool busy_ = false;               ///< an item has left the inbox and is being analysed
+  bool frame_uncounted_ = false;    ///< it is a frame that is in no sum yet
+  std::uint64_t taken_sequence_ = 0;
   WallClock::Duration taken_at_{};  ///< when the last one left it
   Counters counters_;
 

@@ -520,6 +520,86 @@ def out_of_descriptors():
         return f"{samples} samples rendered afterwards, {missing} missing"
 
 
+class FailingAllocation:
+    """Which allocation by `new` of a program started within is to fail, counted from when it is said; 0: none."""
+
+    def __init__(self, place):
+        self.file = pathlib.Path(place) / "countdown"
+        self.file.write_bytes(bytes(8))
+        self.library = pathlib.Path(place) / "allocation.so"
+        subprocess.run(["g++", "-std=c++20", "-shared", "-fPIC", "-O1", "-o", self.library, HERE / "allocation.cpp"], check=True)
+
+    def environment(self):
+        return environment(LD_PRELOAD=self.library, RUSTLE_FAULT_NEW=self.file)
+
+    def fail(self, number):
+        with open(self.file, "r+b") as file:
+            file.write(number.to_bytes(8, "little"))
+
+    def left(self):
+        return int.from_bytes(self.file.read_bytes(), "little")
+
+
+FAR = 10**9  # allocations that nothing reaches
+
+
+def some_of(total, count):
+    """The first few numbers, and others from everywhere."""
+    dice = random.Random(3)
+    return [*range(1, 1 + count // 2), *(dice.randint(1, total) for _ in range(count - count // 2))]
+
+
+@fault("an allocation fails while rustled starts", "it serves, or ends with status 1 and a sentence")
+def allocation_at_start():
+    with tempfile.TemporaryDirectory() as place:
+        failing, log = FailingAllocation(place), pathlib.Path(place) / "log"
+        ends = [f"--{name}=ipc://{place}/{name}" for name in ("control", "stream", "out")]
+
+        def start(number):
+            failing.fail(number)
+            with failing.environment(), open(log, "w") as said:
+                process = subprocess.Popen([BIN / "rustled", *ends, "--http", "off", "--device", "none"], stderr=said)
+            wait_for(lambda: process.poll() is not None or "control ipc" in log.read_text(), 60)
+            serves = process.poll() is None
+            process.terminate()
+            assert process.wait(10) == (0 if serves else 1), (number, process.returncode, log.read_text()[-500:])
+            assert serves or log.read_text().startswith("rustled: ") or "] rustled: " in log.read_text(), (number, log.read_text())
+            return serves
+        assert start(FAR)
+        total = FAR - failing.left()
+        served_all = [start(number) for number in some_of(total, often(120, 12))]
+        return f"{len(served_all)} of {total} allocations failed one by one: {sum(served_all)} starts served, the others ended with a sentence"
+
+
+@fault("an allocation fails while a client attaches and sends", "the daemon goes on, others have no gap, the next client is served")
+def allocation_at_attach():
+    with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
+        failing = FailingAllocation(place)
+        with failing.environment():
+            ends = stack.enter_context(served())
+        witness = Witness(ends)
+
+        def attempt_with(number):
+            failing.fail(number)
+            try:
+                with rustle.Connection.connect(ends["control"], 2) as connection:
+                    session = rustle.Session.attach(connection, options(name="unlucky"), reconnect=False)
+                    session.add_topology(1, MOTION.triangles, material_coordinates=MOTION.material)
+                    for k in range(5):
+                        session.frame(1, 1, k / 60, MOTION.at(k / 60))
+                    session.detach()
+                return True
+            except rustle.RustleError:
+                return False
+            finally:
+                failing.fail(0)
+        attempt_with(FAR)
+        went_well = [attempt_with(number) for number in some_of(4000, often(100, 10))]
+        samples, missing = play(ends), witness.end()
+        assert missing == 0
+        return f"{len(went_well)} failed one by one, {sum(went_well)} clients noticed nothing; {samples} samples rendered afterwards, {missing} missing"
+
+
 @fault("a sound pack is damaged, in every file", "it is left out by name or loads, others are served")
 def corrupt_pack():
     packs = BUILD / "share/rustle/packs"

@@ -5,8 +5,10 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <new>
 
 #include "server/apps/command.h"
 #include "server/apps/configuration.h"
@@ -25,6 +27,26 @@ using rustle::apps::Settings;
 std::atomic<bool> g_stop{false};
 std::atomic<bool> g_reload{false};
 std::atomic<bool> g_serving{false};
+
+/// What nothing caught, in whatever thread, or before main(): a sentence and a status instead of an abort.
+[[noreturn]] void end_with_a_sentence() {
+  const char* what = "ended for no known reason";
+  try {
+    if (const auto thrown = std::current_exception()) std::rethrow_exception(thrown);
+  } catch (const std::bad_alloc&) {
+    what = "out of memory";
+  } catch (const std::exception& error) {
+    what = error.what();
+  } catch (...) {
+  }
+  std::fprintf(stderr, "rustled: %s\n", what);
+  std::_Exit(rustle::apps::kFailed);
+}
+
+/// In force before anything else of the program is initialized.
+[[gnu::init_priority(101)]] const struct Ending {
+  Ending() { std::set_terminate(end_with_a_sentence); }
+} g_ending;
 
 /// While packs and heads are still being read there is nothing to finish.
 void end(int) {
