@@ -239,6 +239,10 @@ void Session::abandon() noexcept {
 void Session::set_send_timeout(milliseconds timeout) {
   impl_->stream.send_timeout = timeout;
 }
+std::uint32_t Session::vertex_count(std::uint64_t topology_id) const {
+  const auto known = impl_->topology_vertices.find(topology_id);
+  return known == impl_->topology_vertices.end() ? 0 : known->second;
+}
 std::uint64_t Session::sent_messages() const {
   return impl_->stream.sent_messages();
 }

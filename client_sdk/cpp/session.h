@@ -134,7 +134,8 @@ class Session {
   /// Leaves without a word, as a process that dies: the daemon finds out by itself. Afterwards nothing but destruction.
   void abandon() noexcept;
 
-  void set_send_timeout(std::chrono::milliseconds timeout);  ///< 10 s unless set
+  void set_send_timeout(std::chrono::milliseconds timeout);     ///< 10 s unless set
+  std::uint32_t vertex_count(std::uint64_t topology_id) const;  ///< of a topology that was added; 0: it was not
   std::uint64_t sent_messages() const;
   std::uint64_t dropped_messages() const;       ///< live clock: because the queue was full, or the daemon away
   std::uint64_t acknowledged_sequence() const;  ///< simulation clock

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The Python examples of client_sdk/examples, run as a person runs them."""
+"""The examples of client_sdk/examples, run as a person runs them."""
 import os
 import re
 import subprocess
@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from support import BUILD, SOURCE, RustleTest, bent, curvature_of, daemon, grid, main, read_wav, rms_dbfs
+from support import BIN, BUILD, SOURCE, RustleTest, bent, curvature_of, daemon, grid, main, read_wav, rms_dbfs
 from support import rustle as run_rustle
 
 EXAMPLES = SOURCE / "client_sdk/examples"
@@ -105,6 +105,19 @@ class Examples(RustleTest):
         _, samples = self.heard("walk.wav")
         self.assertTrue((np.abs(samples).max(axis=0) > 1e-3).all())
         self.assertFalse(np.array_equal(samples[:, 0], samples[:, 1]))
+
+    def run_program(self, name, *arguments, status=0):
+        """As run_example(), of a compiled one."""
+        done = subprocess.run([BIN / "examples" / name, *map(str, arguments)], cwd=self.folder, capture_output=True, text=True, timeout=300)
+        self.assertEqual(done.returncode, status, done.stdout + done.stderr)
+        return done.stderr if status else done.stdout
+
+    def test_minimal_in_c(self):
+        with daemon(self.folder) as ends:
+            said = self.run_program("minimal", "minimal.wav", ends["control"])
+        self.assertRegex(said, r"^120 frames, [1-9]\d* crumpling events, \d{5,} samples at 48000 Hz$")
+        self.heard("minimal.wav")
+        self.assertIn("nobody", self.run_program("minimal", "minimal.wav", f"ipc://{self.folder}/nobody", status=1))
 
     def test_mistakes_are_named(self):
         nobody = f"ipc://{self.folder}/nobody"

@@ -1,4 +1,5 @@
-// Makes a program's system fail on purpose: LD_PRELOAD it. All by files, so that faults begin and end while the program runs.
+// Makes a program's system fail on purpose: LD_PRELOAD it. All by files, so that faults begin and end while the program
+// runs.
 //   RUSTLE_FAULT_WRITE=FILE   while FILE is there, write() and fsync() of files called *.mcap fail with EIO
 //   RUSTLE_FAULT_CLOCK=FILE   the wall clock is off by as many seconds as FILE says
 #define _GNU_SOURCE
