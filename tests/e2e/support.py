@@ -123,11 +123,11 @@ class RustleTest(unittest.TestCase):
 
 
 @contextlib.contextmanager
-def daemon(folder, *options, log=None):
+def daemon(folder, *options, log=None, program=BIN / "rustled"):
     """A running rustled on ipc endpoints below `folder`, without HTTP unless asked; yields its endpoints. `log`: a file for
     what it says."""
     ends = {name: f"ipc://{folder}/{name}" for name in ("control", "stream", "out")}
-    arguments = [BIN / "rustled", "--control", ends["control"], "--stream", ends["stream"], "--out", ends["out"], *map(str, options)]
+    arguments = [program, "--control", ends["control"], "--stream", ends["stream"], "--out", ends["out"], *map(str, options)]
     if "--http" not in options:
         arguments += ["--http", "off"]
     said = open(log, "w+") if log else subprocess.PIPE

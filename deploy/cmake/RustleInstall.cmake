@@ -1,0 +1,57 @@
+# What `cmake --install` puts where, by component:
+#   daemon   rustled, its service unit, dashboard, README and licence
+#   tools    rustle
+#   packs    the default sound packs, which both programs find beside their folder
+#   python   the Python SDK
+#   library  the C SDK's shared library
+#   dev      the C and C++ SDKs: headers, archive, messages, and what find_package and pkg-config read
+#
+#   cmake --install build/release --prefix ~/.local                      everything
+#   DESTDIR=/tmp/root cmake --install build/release --component python   one component
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+set(RUSTLE_PYTHON_DIR lib/python3/dist-packages CACHE STRING "Where the Python SDK is installed, below the prefix")
+
+# ---- programs
+
+install(TARGETS rustled RUNTIME COMPONENT daemon)
+install(TARGETS rustle RUNTIME COMPONENT tools)
+install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/packs DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT packs)
+install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT daemon)
+install(FILES deploy/grafana/rustle.json DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle/grafana COMPONENT daemon)
+file(READ deploy/systemd/rustled.service unit)
+string(REPLACE /usr/bin/rustled ${CMAKE_INSTALL_FULL_BINDIR}/rustled unit "${unit}")
+file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/install/rustled.service CONTENT "${unit}")
+install(FILES ${CMAKE_BINARY_DIR}/install/rustled.service DESTINATION lib/systemd/system COMPONENT daemon)
+
+# ---- SDKs
+
+install(DIRECTORY ${CMAKE_BINARY_DIR}/python/rustle DESTINATION ${RUSTLE_PYTHON_DIR} COMPONENT python PATTERN __pycache__ EXCLUDE)
+
+set(headers certificate connection observation_reader pcm_reader session types)
+list(TRANSFORM headers REPLACE "(.+)" "client_sdk/cpp/\\1.h")
+set(include_folder ${CMAKE_INSTALL_INCLUDEDIR}/rustle)
+install(FILES ${headers} DESTINATION ${include_folder}/client_sdk/cpp COMPONENT dev)
+install(DIRECTORY proto/rustle DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle/proto COMPONENT dev FILES_MATCHING PATTERN *.proto)
+install(DIRECTORY ${CMAKE_BINARY_DIR}/proto/rustle DESTINATION ${include_folder} COMPONENT dev FILES_MATCHING PATTERN *.pb.h)
+install(TARGETS rustle_sdk EXPORT rustle ARCHIVE COMPONENT dev INCLUDES DESTINATION ${include_folder})
+
+install(FILES client_sdk/c/rustle.h DESTINATION ${include_folder} COMPONENT dev)
+install(TARGETS rustle_sdk_c EXPORT rustle_c LIBRARY COMPONENT library NAMELINK_COMPONENT dev INCLUDES DESTINATION ${include_folder})
+
+set(package ${CMAKE_INSTALL_LIBDIR}/cmake/rustle)
+set(generated ${CMAKE_BINARY_DIR}/install)
+install(EXPORT rustle FILE rustleClient.cmake NAMESPACE rustle:: DESTINATION ${package} COMPONENT dev)
+install(EXPORT rustle_c FILE rustleClientC.cmake NAMESPACE rustle:: DESTINATION ${package} COMPONENT dev)
+configure_package_config_file(deploy/cmake/rustleConfig.cmake.in ${generated}/rustleConfig.cmake INSTALL_DESTINATION ${package}
+  NO_SET_AND_CHECK_MACRO)
+write_basic_package_version_file(${generated}/rustleConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${generated}/rustleConfig.cmake ${generated}/rustleConfigVersion.cmake DESTINATION ${package} COMPONENT dev)
+
+set(pc_to_prefix /prefix)  # wherever that is when they are used
+cmake_path(RELATIVE_PATH pc_to_prefix BASE_DIRECTORY /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+foreach(name rustle-client rustle-client-c)
+  configure_file(deploy/cmake/${name}.pc.in ${generated}/${name}.pc @ONLY)
+  install(FILES ${generated}/${name}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT dev)
+endforeach()
