@@ -306,6 +306,13 @@ class Sessions(RustleTest):
                 time.sleep(0.05)
             self.assertEqual(connection.list_sessions(), [])
 
+    def test_what_is_collected_in_a_cycle_waits_for_nothing(self):
+        program = ("import gc, sys, rustle; connection = rustle.Connection.connect(sys.argv[1]); session = rustle.Session.attach(connection); "
+                   "session.itself = session; connection.close(); del session, connection; gc.collect()")
+        with daemon(self.folder) as ends:
+            subprocess.run([sys.executable, "-c", program, ends["control"]], check=True, timeout=60,
+                           env={**os.environ, "PYTHONPATH": str((BUILD / "python").resolve())})
+
     def test_a_session_that_others_end_is_lost_and_an_idle_one_begins_again(self):
         motion = Motion()
         with daemon(self.folder) as ends, rustle.Connection.connect(ends["control"]) as connection:

@@ -27,7 +27,7 @@ def check_version(welcome: session_pb2.Welcome) -> None:
     if welcome.protocol_version != PROTOCOL_VERSION:
         raise Refused("protocol_version",
                       f"The daemon speaks version {welcome.protocol_version}, this SDK version {PROTOCOL_VERSION}.",
-                      "Bring the older of the two up to date.", code=session_pb2.ERROR_CODE_PROTOCOL_VERSION)
+                      "Bring the older of SDK and daemon up to date.", code=session_pb2.ERROR_CODE_PROTOCOL_VERSION)
 
 
 def _expect(reply: session_pb2.ControlReply, kind: str) -> Any:

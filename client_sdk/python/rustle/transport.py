@@ -33,6 +33,8 @@ _RECONNECT_MAX_MS = 200
 _MAX_SOCKETS = 512  #: of one connection: its sessions and readers
 
 _calls = itertools.count(1)
+#: Those that have not ended. Of what is collected in a cycle pyzmq might end the context first, and wait for its sockets for ever.
+_contexts: set[zmq.Context[zmq.Socket[bytes]]] = set()
 
 
 def nonce() -> str:
@@ -48,6 +50,7 @@ class Sockets:
         self._lock = threading.RLock()  # a collected reader closes wherever the collector runs
         self._context = zmq.Context()
         self._context.set(zmq.MAX_SOCKETS, _MAX_SOCKETS)
+        _contexts.add(self._context)
         self._open: set[zmq.Socket[bytes]] = set()
         self._finished = False
 
@@ -99,6 +102,7 @@ class Sockets:
     def _end_context(self) -> None:
         if self._finished and not self._open and not self._context.closed:
             self._context.term()
+            _contexts.discard(self._context)
 
 
 def _set_options(socket: zmq.Socket[bytes], kind: int, endpoint: str, send_queue: int, receive_queue: int) -> None:
