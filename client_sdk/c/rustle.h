@@ -310,7 +310,7 @@ RUSTLE_API rustle_status rustle_advance(rustle_session* session, double time_s);
 /** The last message; sound ends at this time and with its tails. `time_s` NULL: the newest time sent. */
 RUSTLE_API rustle_status rustle_end(rustle_session* session, const double* time_s);
 /** A serialized rustle.v1.StreamMessage, such as one of a capture; it is numbered and addressed anew.
- * Error: OTHER "malformed". */
+ * Error: INVALID_ARGUMENT, where it is none. */
 RUSTLE_API rustle_status rustle_send_raw(rustle_session* session, const void* message, size_t bytes);
 
 /** Waits until everything sent was acknowledged. SIMULATION clock; at once on the LIVE clock. */

@@ -164,8 +164,8 @@ SendResult Session::end(std::optional<double> time_s) {
 SendResult Session::raw(std::span<const std::byte> stream_message, const RawOptions& options) {
   v1::StreamMessage message;
   if (!message.ParseFromArray(stream_message.data(), static_cast<int>(stream_message.size())))
-    return tl::unexpected(local_error("malformed", "The bytes are no rustle.v1.StreamMessage.",
-                                      "Give a message as a capture's stream channel holds it."));
+    return tl::unexpected(local_error("invalid", "The bytes are no rustle.v1.StreamMessage.",
+                                      "Give a message as a capture's stream channel holds it.", "stream_message"));
   if (message.has_topology()) impl_->topology_vertices[message.topology().topology_id()] = message.topology().vertex_count();
   return impl_->stream.send(std::move(message), options.keep_sequence, !options.wait);
 }

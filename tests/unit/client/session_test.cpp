@@ -322,7 +322,7 @@ TEST_CASE("raw messages get the session's id, and a number of their own unless i
   CHECK(received[1].sequence() == 41);
   CHECK(received[1].sent_at_s() == 5);
   CHECK(received[2].sequence() == 42);
-  CHECK(session.raw(std::as_bytes(std::span("\xff\xff"))).error().code_name == "malformed");
+  CHECK(session.raw(std::as_bytes(std::span("\xff\xff"))).error().field == "stream_message");
 }
 
 TEST_CASE("notices come to their session", "[client]") {
