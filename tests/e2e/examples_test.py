@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import unittest
 
 import numpy as np
 
@@ -118,6 +119,18 @@ class Examples(RustleTest):
         self.assertRegex(said, r"^120 frames, [1-9]\d* crumpling events, \d{5,} samples at 48000 Hz$")
         self.heard("minimal.wav")
         self.assertIn("nobody", self.run_program("minimal", "minimal.wav", f"ipc://{self.folder}/nobody", status=1))
+
+    @unittest.skipUnless((BIN / "examples/bullet_soft_body").exists(), "built where Debian's libbullet-dev is installed")
+    def test_bullet_soft_body(self):
+        with daemon(self.folder) as ends:
+            said = self.run_program("bullet_soft_body", "bullet.wav", ends["control"])
+        frames, events, contacts = map(int, re.findall(r"\d+", said))
+        self.assertEqual(frames, 210)
+        self.assertGreater(events, 50)
+        self.assertGreater(contacts, 0)
+        rate, samples = self.heard("bullet.wav")
+        for begin, end in ((0.3, 1.5), (2.2, 3.3)):  # shaken; drawn over the ball
+            self.assertGreater(rms_dbfs(samples[int(begin * rate):int(end * rate)]), -60)
 
     def test_mistakes_are_named(self):
         nobody = f"ipc://{self.folder}/nobody"
