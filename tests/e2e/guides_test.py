@@ -18,7 +18,7 @@ import time
 from support import BIN, BUILD, SOURCE, RustleTest, main
 
 GUIDES = [*sorted((SOURCE / "client_sdk/guides").glob("*.md")), SOURCE / "client_sdk/blender/README.md"]
-LONGEST_S = float(os.environ.get("RUSTLE_GUIDE_SECONDS", 300))
+LONGEST_S = float(os.environ.get("RUSTLE_GUIDE_SECONDS", 300))  #: the five minutes from a build to one's own simulation heard
 PORTS = (7390, 7391, 7392, 7393)
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 WAIT = 'until (exec 3<>/dev/tcp/127.0.0.1/{}) 2>/dev/null; do sleep 0.1; done\n'
@@ -84,6 +84,7 @@ class Guides(RustleTest):
         with open(self.folder / "said", "w+") as said:
             shell = subprocess.Popen(["bash", "-c", script_of(path.read_text())], cwd=root, env=environment, stdout=said, stderr=said,
                                      process_group=0, preexec_fn=enter_own_network if own else None)
+            begun = time.monotonic()
             try:
                 status = shell.wait(LONGEST_S)
             except subprocess.TimeoutExpired:
@@ -96,6 +97,7 @@ class Guides(RustleTest):
                 shell.wait()
             said.seek(0)
             self.assertEqual(status, 0, said.read()[-6000:])
+        print(f"{path.parent.name}/{path.name}: {time.monotonic() - begun:.1f} s", flush=True)
 
     def test_paths_exist(self):
         """What a guide names in backticks with a slash and an ending, and what it links to, is there."""
