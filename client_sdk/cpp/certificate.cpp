@@ -1,8 +1,5 @@
 #include "client_sdk/cpp/certificate.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
 #include <zmq.h>
 
 #include <algorithm>
@@ -27,11 +24,6 @@ tl::unexpected<Error> invalid(std::string field, std::string message, std::strin
                               .field = std::move(field),
                               .message = std::move(message),
                               .remedy = std::move(remedy)});
-}
-
-tl::unexpected<Error> system_error(const std::filesystem::path& file, const char* what) {
-  return invalid(file.string(), std::string(what) + ": " + std::strerror(errno) + ".",
-                 "Name a folder and files that you may use.");
 }
 
 std::string_view trimmed(std::string_view text) {
@@ -120,20 +112,6 @@ std::string certificate_text(const Certificate& certificate, bool secret) {
   text += "curve\n    public-key = \"" + certificate.public_key + "\"\n";
   if (secret) text += "    secret-key = \"" + certificate.secret_key + "\"\n";
   return text;
-}
-
-tl::expected<void, Error> write_certificate(const std::filesystem::path& file, const Certificate& certificate, bool secret) {
-  const std::string text = certificate_text(certificate, secret);
-  std::string beside = file.string() + ".XXXXXX";
-  const int descriptor = ::mkostemp(beside.data(), O_CLOEXEC);  // mode 0600
-  if (descriptor < 0) return system_error(file, "It cannot be written");
-  const bool written = ::write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-                       ::fchmod(descriptor, secret ? 0600 : 0644) == 0 && ::fsync(descriptor) == 0;
-  if (::close(descriptor) == 0 && written && ::rename(beside.c_str(), file.c_str()) == 0) return {};
-  const int reason = errno;
-  ::unlink(beside.c_str());
-  errno = reason;
-  return system_error(file, "It cannot be written");
 }
 
 tl::expected<Keys, Error> read_keys(const std::filesystem::path& folder) {

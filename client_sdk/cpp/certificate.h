@@ -38,10 +38,6 @@ struct Certificate {
 
 /// The text of a file; `secret` with the secret key.
 std::string certificate_text(const Certificate& certificate, bool secret);
-/// Writes beside the place, syncs, and puts it there: readers see the old file or the new one. A secret is for its owner
-/// only (mode 0600). Error: "invalid" with the system's reason.
-[[nodiscard]] tl::expected<void, Error> write_certificate(const std::filesystem::path& file, const Certificate& certificate,
-                                                          bool secret);
 
 /// The keys of a folder: one NAME.key_secret, one's own, and server.key, the daemon's public key, which is pinned: whoever
 /// answers without its secret is not talked to.

@@ -10,6 +10,7 @@
 
 #include "client_sdk/cpp/certificate.h"
 #include "server/access/allowed_key.h"
+#include "server/access/certificate_file.h"
 #include "server/apps/command.h"
 
 /// Who may connect to a daemon: pairs of keys, and the folder of those that it admits.
@@ -59,9 +60,9 @@ int run_new(const KeysArguments& arguments) {
     return complain(fmt::format("{} is there already; choose another name, or remove the pair", file.string()), kFailed);
   const auto pair = client::make_certificate();
   if (!pair) return complain(text_of(pair.error()), kFailed);
-  if (const auto written = client::write_certificate(secret, *pair, true); !written)
+  if (const auto written = access::write_certificate(secret, *pair, true); !written)
     return complain(text_of(written.error()), kFailed);
-  if (const auto written = client::write_certificate(file, *pair, false); !written)
+  if (const auto written = access::write_certificate(file, *pair, false); !written)
     return complain(text_of(written.error()), kFailed);
   fmt::print("{}: for others\n{}: for nobody else\n", file.string(), secret.string());
   return kDone;
@@ -89,7 +90,7 @@ int run_allow(KeysArguments arguments) {
   const fs::path allowed = access::allowed_file(arguments.folder, arguments.key.name);
   if (auto failed = make_folder(arguments.folder)) return complain(*failed, kFailed);
   if (auto failed = make_folder(allowed.parent_path())) return complain(*failed, kFailed);
-  if (const auto written = client::write_certificate(allowed, access::certificate_of(arguments.key), false); !written)
+  if (const auto written = access::write_certificate(allowed, access::certificate_of(arguments.key), false); !written)
     return complain(text_of(written.error()), kFailed);
   fmt::print("{} may {}\n{}\n", arguments.key.name, access::text_of(arguments.key.permissions), kReload);
   return kDone;

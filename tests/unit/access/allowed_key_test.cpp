@@ -1,9 +1,11 @@
+#include <sys/stat.h>
 #include <unistd.h>
 #include <catch2/catch.hpp>
 
 #include <filesystem>
 
 #include "server/access/allowed_key.h"
+#include "server/access/certificate_file.h"
 #include "server/access/gate.h"
 
 namespace allowed_key_test {
@@ -63,20 +65,20 @@ TEST_CASE("a gate reads its folder whole or not at all", "[access]") {
   const Folder folder;
   CHECK(Gate::open(folder.path).error().find("rustle keys new server") != std::string::npos);
   const auto own = client::make_certificate().value();
-  REQUIRE(client::write_certificate(folder.path / "server.key_secret", own, true));
+  REQUIRE(write_certificate(folder.path / "server.key_secret", own, true));
   const auto gate = Gate::open(folder.path).value();
   CHECK(gate->own().secret_key == own.secret_key);
 
   const auto flag = with({{"permissions", "publish"}});
   CHECK_FALSE(gate->admits(flag.public_key));
-  REQUIRE(client::write_certificate(folder.path / "allowed/flag.key", flag, false));
+  REQUIRE(write_certificate(folder.path / "allowed/flag.key", flag, false));
   CHECK_FALSE(gate->admits(flag.public_key));
   REQUIRE(gate->reload());
   CHECK(gate->admits(flag.public_key));
   CHECK(gate->named("flag")->public_key == flag.public_key);
   CHECK(gate->find(flag.public_key)->name == "flag");
 
-  REQUIRE(client::write_certificate(folder.path / "allowed/again.key", flag, false));
+  REQUIRE(write_certificate(folder.path / "allowed/again.key", flag, false));
   const auto twice = gate->reload();
   REQUIRE_FALSE(twice.has_value());
   CHECK(twice.error().find("again") != std::string::npos);
@@ -90,10 +92,30 @@ TEST_CASE("a gate reads its folder whole or not at all", "[access]") {
 
 TEST_CASE("a secret that others may read is not used", "[access]") {
   const Folder folder;
-  REQUIRE(client::write_certificate(folder.path / "server.key_secret", client::make_certificate().value(), true));
+  REQUIRE(write_certificate(folder.path / "server.key_secret", client::make_certificate().value(), true));
   CHECK(Gate::open(folder.path).has_value());
   fs::permissions(folder.path / "server.key_secret", fs::perms::group_read, fs::perm_options::add);
   CHECK(Gate::open(folder.path).error().find("chmod 600") != std::string::npos);
+}
+
+TEST_CASE("a certificate is written whole or not at all, a secret for its owner", "[access]") {
+  Folder folder;
+  const auto own = client::make_certificate().value();
+  const auto mode = [&](const char* name) {
+    struct stat status {};
+    REQUIRE(::stat((folder.path / name).c_str(), &status) == 0);
+    return status.st_mode & 0777;
+  };
+  REQUIRE(write_certificate(folder.path / "own.key_secret", own, true));
+  REQUIRE(write_certificate(folder.path / "own.key", own, false));
+  CHECK(mode("own.key_secret") == 0600);
+  CHECK(mode("own.key") == 0644);
+  CHECK(client::read_certificate(folder.path / "own.key_secret")->secret_key == own.secret_key);
+  CHECK(client::read_certificate(folder.path / "own.key")->secret_key.empty());
+  const auto nowhere = write_certificate(folder.path / "none/own.key", own, false);
+  REQUIRE(!nowhere);
+  CHECK(nowhere.error().message.find("cannot be written") != std::string::npos);
+  CHECK(std::distance(fs::directory_iterator(folder.path), fs::directory_iterator()) == 3);  // with "allowed"
 }
 
 }  // namespace allowed_key_test
