@@ -44,16 +44,19 @@
 #define RUSTLE_API
 #endif
 
+/* Enumerations are 32 bits wide, and in C++ too any number may be said, which is then an error. */
 #ifdef __cplusplus
+#define RUSTLE_ENUM : int32_t
 extern "C" {
+#else
+#define RUSTLE_ENUM
 #endif
 
 /* ---- what can go wrong */
 
-typedef enum rustle_status {
+typedef enum rustle_status RUSTLE_ENUM {
   RUSTLE_OK = 0,
-  RUSTLE_DROPPED =
-      1, /**< LIVE clock only: the queue was full, or the daemon is away; the message was left out, and counted */
+  RUSTLE_DROPPED = 1,  /**< LIVE clock only: left out and counted, for the queue was full or the daemon is away */
   RUSTLE_NOTHING = 2,  /**< nothing came in time */
   RUSTLE_COMPLETE = 3, /**< the sound has come to its end */
 
@@ -137,17 +140,17 @@ RUSTLE_API rustle_status rustle_get_server(rustle_connection* connection, rustle
  * was started anew is SESSION_LOST. */
 typedef struct rustle_session rustle_session;
 
-typedef enum rustle_clock { RUSTLE_CLOCK_LIVE = 0, RUSTLE_CLOCK_SIMULATION = 1 } rustle_clock;
-typedef enum rustle_up_axis { RUSTLE_UP_Z = 0, RUSTLE_UP_Y = 1 } rustle_up_axis;
-typedef enum rustle_channels { RUSTLE_STEREO = 0, RUSTLE_MONO = 1, RUSTLE_BINAURAL = 2 } rustle_channels;
-typedef enum rustle_sheet_kind { RUSTLE_PAPER = 0, RUSTLE_CLOTH = 1 } rustle_sheet_kind;
-typedef enum rustle_sound_kind {
+typedef enum rustle_clock RUSTLE_ENUM { RUSTLE_CLOCK_LIVE = 0, RUSTLE_CLOCK_SIMULATION = 1 } rustle_clock;
+typedef enum rustle_up_axis RUSTLE_ENUM { RUSTLE_UP_Z = 0, RUSTLE_UP_Y = 1 } rustle_up_axis;
+typedef enum rustle_channels RUSTLE_ENUM { RUSTLE_STEREO = 0, RUSTLE_MONO = 1, RUSTLE_BINAURAL = 2 } rustle_channels;
+typedef enum rustle_sheet_kind RUSTLE_ENUM { RUSTLE_PAPER = 0, RUSTLE_CLOTH = 1 } rustle_sheet_kind;
+typedef enum rustle_sound_kind RUSTLE_ENUM {
   RUSTLE_EVERY_KIND = 0,
   RUSTLE_CRUMPLING = 1,
   RUSTLE_FRICTION = 2,
   RUSTLE_TEARING = 3
 } rustle_sound_kind;
-typedef enum rustle_reconnect {
+typedef enum rustle_reconnect RUSTLE_ENUM {
   RUSTLE_RECONNECT_AS_CLOCK = 0, /**< LIVE does, SIMULATION, which promises the same samples, does not */
   RUSTLE_RECONNECT_ALWAYS = 1,
   RUSTLE_RECONNECT_NEVER = 2
@@ -264,7 +267,7 @@ typedef struct rustle_pose {
   double orientation[4]; /**< w, x, y, z; all 0: not turned */
 } rustle_pose;
 
-typedef enum rustle_shape {
+typedef enum rustle_shape RUSTLE_ENUM {
   RUSTLE_PLANE = 0,   /**< through the pose's origin: solid below, `normal` up */
   RUSTLE_BOX = 1,     /**< `half_extents` */
   RUSTLE_SPHERE = 2,  /**< `radius` */
@@ -316,7 +319,7 @@ RUSTLE_API rustle_status rustle_send_raw(rustle_session* session, const void* me
 /** Waits until everything sent was acknowledged. SIMULATION clock; at once on the LIVE clock. */
 RUSTLE_API rustle_status rustle_drain(rustle_session* session, double timeout_s);
 
-typedef enum rustle_notice_level { RUSTLE_INFO = 0, RUSTLE_WARNING = 1, RUSTLE_ERROR = 2 } rustle_notice_level;
+typedef enum rustle_notice_level RUSTLE_ENUM { RUSTLE_INFO = 0, RUSTLE_WARNING = 1, RUSTLE_ERROR = 2 } rustle_notice_level;
 
 /** What the daemon says about a message it was sent. */
 typedef struct rustle_notice {
@@ -384,7 +387,7 @@ RUSTLE_API const char* rustle_recording_file_name(const rustle_session* session)
 /** A session's sound, as it comes. */
 typedef struct rustle_reader rustle_reader;
 
-typedef enum rustle_content {
+typedef enum rustle_content RUSTLE_ENUM {
   RUSTLE_MIX = 0,
   RUSTLE_STEM = 1, /**< `stem_sheet_id`'s sound of `stem_kind`: its part of the mix before the limiter */
   /** Dry sound per emitter with its position, for engines that spatialize themselves: mono, as heard at 1 m on the emitter's
@@ -392,7 +395,7 @@ typedef enum rustle_content {
   RUSTLE_EMITTERS = 2
 } rustle_content;
 
-typedef enum rustle_format {
+typedef enum rustle_format RUSTLE_ENUM {
   RUSTLE_F32 = 0,
   RUSTLE_S16 = 1,
   RUSTLE_OPUS = 2 /**< 64 kbit/s a channel in packets of 20 ms, at 8, 12, 16, 24 and 48 kHz */

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 import unittest
 
 from support import BUILD, SOURCE, RustleTest, daemon, main, read_wav
@@ -94,6 +95,23 @@ class Installed(RustleTest):
         shown = {line.split()[-1].split("@")[0] for line in symbols.splitlines() if line.split()[1] != "A"}
         self.assertGreater(len(declared), 35)
         self.assertEqual(shown, declared)
+
+    @unittest.skipIf(SANITIZE, "a sanitizer's library is not loaded late")
+    def test_another_language_loads_the_c_library(self):
+        """Beside a copy of the same messages, which the Python SDK has."""
+        (self.folder / "foreign.py").write_text(textwrap.dedent("""
+            import ctypes, sys, rustle
+            class Error(ctypes.Structure):
+                _fields_ = [("status", ctypes.c_int32), ("code", ctypes.c_int32), *((name, ctypes.c_char_p) for name in ("code_name", "field", "message", "remedy"))]
+            library = ctypes.CDLL(sys.argv[1])
+            library.rustle_last_error.restype = ctypes.POINTER(Error)
+            status = library.rustle_check(None)
+            error = library.rustle_last_error().contents
+            print(status, error.status, error.code_name.decode(), error.field.decode(), error.remedy.decode())
+            """))
+        environment = {**os.environ, "PYTHONPATH": str(self.prefix / "lib/python3/dist-packages")}
+        said = run(sys.executable, self.folder / "foreign.py", self.prefix / LIBRARIES / "librustle_client_c.so", env=environment)
+        self.assertEqual(said, "-1 -1 invalid connection Give a pointer to something.\n")
 
     @unittest.skipUnless(shutil.which(MINGW), "Debian's gcc-mingw-w64-x86-64 is not installed")
     def test_the_c_client_is_built_for_windows_against_a_stub(self):
