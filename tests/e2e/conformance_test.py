@@ -53,20 +53,22 @@ def write_inputs(folder):
 
 
 def refused_messages():
-    """What no SDK sends by itself, for each error that a daemon answers to a stream's message."""
+    """What no SDK sends by itself: messages that it does not take, and one for each error that a daemon answers with."""
     def frame(sheet=1, topology=1, time_s=3.0, positions=np.zeros((153, 3), "<f4").tobytes()):
         message = session_pb2.StreamMessage()
         message.frame.sheet_id, message.frame.topology_id, message.frame.time_s, message.frame.positions = sheet, topology, time_s, positions
         return message.SerializeToString()
 
-    beyond, removed, long, strange = (session_pb2.StreamMessage() for _ in range(4))
+    beyond, removed, long, strange, huge = (session_pb2.StreamMessage() for _ in range(5))
     beyond.topology.topology_id, beyond.topology.vertex_count = 7, 3
     beyond.topology.triangles = np.array([0, 1, 3], "<u4").tobytes()
     removed.scene.time_s = 3.0
     removed.scene.removed_obstacle_ids.append(55)
     long.sheet.sheet_id, long.sheet.name = 4, 1000 * "n"
     strange.sheet.sheet_id, strange.sheet.kind = 4, 99
-    return {"broken": b"\xff\xff\xff", "malformed": frame(positions=b"12345"), "not_finite": frame(positions=np.full((153, 3), np.nan, "<f4").tobytes()),
+    huge.topology.triangles = bytes(65 << 20)
+    return {"huge": huge.SerializeToString(), "broken": b"\xff\xff\xff", "malformed": frame(positions=b"12345"),
+            "not_finite": frame(positions=np.full((153, 3), np.nan, "<f4").tobytes()),
             "unknown_sheet": frame(sheet=77), "unknown_topology": frame(topology=99), "time_order": frame(time_s=0.5),
             "out_of_range": beyond.SerializeToString(), "unknown_obstacle": removed.SerializeToString(), "too_large": long.SerializeToString(),
             "unsupported": strange.SerializeToString()}
