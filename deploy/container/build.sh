@@ -3,9 +3,9 @@
 # /var/lib/rustle.
 # usage: deploy/container/build.sh [--archive FILE] [NAME]     NAME: rustle:VERSION by default; --archive: for `podman load`
 # Example: deploy/container/build.sh
-#   rustle keys new --folder server-keys
+#   rustle keys new server --folder server-keys
 #   podman run --rm --read-only --cap-drop all --security-opt no-new-privileges -v rustle:/var/lib/rustle:U \
-#     -v ./server-keys:/etc/rustle/keys:ro -p 127.0.0.1:7390-7392:7390-7392 rustle
+#     -v ./server-keys:/etc/rustle/keys:ro,U -p 127.0.0.1:7390-7392:7390-7392 rustle
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 archive= name=
@@ -35,7 +35,7 @@ packages=$(ldd "$work/installed/usr/bin/rustled" | awk '/=> \// {print $3}' | wh
 done | sort -u | paste -sd, -)
 echo "unpacking $(tr , '\n' <<<"$packages" | wc -l) Debian packages and what they need"
 mmdebstrap --quiet --variant=extract --include="$packages" bookworm "$work/root"
-rm -rf "$work/root"/var/{cache,lib/{apt,dpkg}} "$work/root"/usr/share/{doc,man,locale,lintian,bug}
+rm -rf "$work/root"/var/{cache,lib/{apt,dpkg}} "$work/root"/etc/{apt,dpkg} "$work/root"/usr/share/{doc,man,locale,lintian,bug}
 cp -a "$work/installed/usr" "$work/root/"
 mkdir -p "$work/root/etc/rustle/keys" "$work/root/tmp" "$work/root/var/lib/rustle"
 cp deploy/container/rustled.toml "$work/root/etc/rustle/"
