@@ -235,7 +235,7 @@ typedef struct rustle_contacts {
   const rustle_contact_partner* partner_table;
   size_t partner_count;
   const float* slip_velocities; /**< [C,3] units per second; NULL: from the motion */
-  const float* normal_forces;   /**< [C] newtons; NULL: unknown */
+  const float* normal_forces;   /**< [C] newtons: what is pressed is louder; NULL: its own weight */
 } rustle_contacts;
 
 typedef struct rustle_tear_tip {

@@ -109,7 +109,7 @@ struct Contacts {
   std::span<const std::uint32_t> partners{};  ///< [C], into the table
   std::vector<ContactPartner> partner_table{};
   std::span<const float> slip_velocities{};  ///< [C,3] or empty
-  std::span<const float> normal_forces{};    ///< [C], newtons, or empty
+  std::span<const float> normal_forces{};    ///< [C], newtons: what is pressed is louder; empty: its own weight
 };
 
 /// The simulator's own partition into developable regions.

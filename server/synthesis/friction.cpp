@@ -86,7 +86,8 @@ class FrictionPlan final : public PlanModel {
       cue.bus = bus_of(sheet.index, SoundKind::kFriction);
       cue.speed_ratio = static_cast<float>(ratio);
       const double part = options_.mode == Mode::kPublished ? 1 : std::sqrt(part_in(resonator, contact, all));
-      cue.gain = static_cast<float>(part * share.amplitude * level(ratio, *section, resonator, *spectrum));
+      const double load = options_.mode == Mode::kPublished ? 1 : load_factor(contact, sheet.grammage_kg_per_m2);
+      cue.gain = static_cast<float>(part * load * share.amplitude * level(ratio, *section, resonator, *spectrum));
       cue.emission = material.emission(*spectrum);
       cue.gain_sigma = options_.mode == Mode::kPublished ? 0 : static_cast<float>(section->gain_sigma);
       cue.gain_cutoff_hz = static_cast<float>(section->gain_cutoff_hz);
@@ -114,6 +115,13 @@ class FrictionPlan final : public PlanModel {
       ++count;
     }
     return area_m2 > 0 ? contact.area_m2 / area_m2 : 1.0 / count;
+  }
+
+  static double load_factor(const FrictionContact& contact, double grammage_kg_per_m2) {
+    constexpr double kGravity_m_per_s2 = 9.81;
+    const double weight_n = grammage_kg_per_m2 * kGravity_m_per_s2 * contact.area_m2;
+    if (contact.normal_force_n < 0 || weight_n <= 0) return 1;
+    return std::min(std::sqrt(contact.normal_force_n / weight_n), kMostLoadFactor);
   }
 
   void forget_stuck(sheet::SheetId sheet, const std::vector<FrictionContact>& contacts) {

@@ -73,7 +73,7 @@ class FuzzedSession {
   wire::Decoder& decoder() { return decoder_; }
 
  private:
-  /// One small pack, called as the default one is.
+  /// One small pack, called as the default one is; it is read once.
   static std::shared_ptr<pack::PackLibrary> packs() {
     static const auto library = [] {
       static const pack::TemporaryFolder folder;
@@ -83,6 +83,8 @@ class FuzzedSession {
       require(pack::write(example, folder.path() / "pack").has_value());
       return std::make_shared<pack::PackLibrary>(std::vector<std::filesystem::path>{folder.path()});
     }();
+    static const auto held = library->load("printer-paper", "wooden-table", 48000);
+    require(held.has_value());
     return library;
   }
 

@@ -123,7 +123,7 @@ class Contacts:
     partners: Array = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint32))  #: [C] into the table
     partner_table: Sequence[ContactPartner] = ()
     slip_velocities: Floats | None = None  #: [C,3] float32, units per second
-    normal_forces: Floats | None = None  #: [C] float32, newtons
+    normal_forces: Floats | None = None  #: [C] float32, newtons: what is pressed is louder; absent: its own weight
 
 
 @dataclasses.dataclass(frozen=True)

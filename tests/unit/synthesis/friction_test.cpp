@@ -65,6 +65,22 @@ TEST_CASE("Powers of equal sources add; as published their amplitudes do") {
   CHECK(sliding_db(eight_published, equal_slides(8), 5) - published_db == Approx(18.06).margin(0.1));
 }
 
+TEST_CASE("A contact that is pressed is louder by the root of its load over its own weight; as published it is not") {
+  const auto pressed_db = [](double times_its_weight, Mode mode) {
+    Rig rig({}, mode);
+    FrictionContact contact = slide(1, 0.1);
+    contact.area_m2 = 0.01;
+    contact.normal_force_n = times_its_weight < 0 ? -1 : times_its_weight * 0.080 * 9.81 * contact.area_m2;
+    return sliding_db(rig, {contact}, 5);
+  };
+  const double free_db = pressed_db(-1, Mode::kCorrected);
+  CHECK(pressed_db(1, Mode::kCorrected) == Approx(free_db).margin(0.01));
+  CHECK(pressed_db(4, Mode::kCorrected) == Approx(free_db + 6.02).margin(0.01));
+  CHECK(pressed_db(1e9, Mode::kCorrected) == Approx(free_db + 30).margin(0.1));
+  CHECK(pressed_db(0, Mode::kCorrected) < -200);
+  CHECK(pressed_db(4, Mode::kPublished) == Approx(pressed_db(-1, Mode::kPublished)).margin(0.01));
+}
+
 TEST_CASE("Resonators of one contact share its power by area") {
   Rig one, many;
   const double single_db = sliding_db(one, {slide(1, 0.1)}, 10);
