@@ -59,6 +59,25 @@ Read<client::Contacts> read(const rustle_contacts& contacts) {
   return out;
 }
 
+Read<client::Partition> read(const rustle_partition& partition) {
+  const auto triangles = entries(partition.triangle_regions, partition.triangle_count, "frame.partition.triangle_regions");
+  if (!triangles) return tl::unexpected(triangles.error());
+  const auto curved = entries(partition.region_curved, partition.region_count, "frame.partition.region_curved");
+  if (!curved) return tl::unexpected(curved.error());
+  const auto rulings = entries(partition.rulings, 6 * partition.ruling_count, "frame.partition.rulings");
+  if (!rulings) return tl::unexpected(rulings.error());
+  const auto regions = entries(partition.ruling_regions, partition.ruling_count, "frame.partition.ruling_regions");
+  if (!regions) return tl::unexpected(regions.error());
+  const auto points = entries(partition.singular_points, 3 * partition.singular_count, "frame.partition.singular_points");
+  if (!points) return tl::unexpected(points.error());
+  return client::Partition{.triangle_regions = *triangles,
+                           .region_curved = *curved,
+                           .rulings = *rulings,
+                           .ruling_regions = *regions,
+                           .singular_points = *points,
+                           .singular_on_border = if_there(partition.singular_on_border, partition.singular_count)};
+}
+
 }  // namespace
 
 std::chrono::milliseconds milliseconds(double seconds) {
@@ -170,6 +189,11 @@ Read<void> read(const rustle_mesh_frame& frame, std::size_t vertex_count, client
     auto contacts = read(*frame.contacts);
     if (!contacts) return tl::unexpected(std::move(contacts.error()));
     extras.contacts.emplace(std::move(*contacts));
+  }
+  if (frame.partition != nullptr) {
+    const auto partition = read(*frame.partition);
+    if (!partition) return tl::unexpected(partition.error());
+    extras.partition = *partition;
   }
   const auto sent_tips = entries(frame.tear_tips, frame.tear_tip_count, "frame.tear_tips");
   if (!sent_tips) return tl::unexpected(sent_tips.error());

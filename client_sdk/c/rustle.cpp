@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
-#include <deque>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "client_sdk/c/from_plain.h"
+#include "client_sdk/c/handles.h"
 #include "client_sdk/c/status.h"
 #include "client_sdk/cpp/certificate.h"
 #include "client_sdk/cpp/connection.h"
@@ -17,26 +17,6 @@
 
 namespace client = rustle::client;
 using namespace rustle::capi;
-
-struct rustle_connection {
-  client::Connection connection;
-};
-
-struct rustle_session {
-  client::Session session;
-  std::deque<client::Notice> notices{};
-  client::Notice told{};  ///< what the newest rustle_notice points into
-  std::optional<client::Statistics> last{};
-  std::vector<std::string> figure_names{};
-  std::vector<rustle_figure> figures{};
-};
-
-struct rustle_reader {
-  client::PcmReader reader;
-  client::PcmBlock block{};
-  client::Sound sound{};
-  std::vector<rustle_gap> gaps{};
-};
 
 namespace {
 

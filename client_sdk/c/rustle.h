@@ -246,6 +246,21 @@ typedef struct rustle_tear_tip {
   double direction[3];
 } rustle_tear_tip;
 
+/** The simulator's own partition of the sheet into developable regions, in place of what the geometry shows. */
+typedef struct rustle_partition {
+  const uint32_t*
+      triangle_regions; /**< [triangle_count] below region_count, as many as the topology has; 0xffffffff: none */
+  size_t triangle_count;
+  const uint8_t* region_curved; /**< [region_count] 1: curved, 0: flat */
+  size_t region_count;
+  const float* rulings;           /**< [ruling_count,6] both ends of each */
+  const uint32_t* ruling_regions; /**< [ruling_count] */
+  size_t ruling_count;
+  const float* singular_points;      /**< [singular_count,3] */
+  const uint8_t* singular_on_border; /**< [singular_count] 1: on the sheet's border; NULL: inside, all of them */
+  size_t singular_count;
+} rustle_partition;
+
 typedef struct rustle_mesh_frame {
   uint32_t sheet_id;
   uint64_t topology_id;
@@ -257,6 +272,7 @@ typedef struct rustle_mesh_frame {
   const rustle_contacts* contacts;  /**< replace what proximity finds; NULL: proximity */
   const rustle_tear_tip* tear_tips; /**< [tear_tip_count]; NULL: none, or found in the mesh */
   size_t tear_tip_count;
+  const rustle_partition* partition; /**< NULL: as the geometry shows */
 } rustle_mesh_frame;
 
 /** Errors: INVALID_ARGUMENT (no such topology), see also the session. */
@@ -467,6 +483,60 @@ RUSTLE_API rustle_status rustle_next_block(rustle_reader* reader, double timeout
 RUSTLE_API rustle_status rustle_read_all(rustle_reader* reader, double timeout_s, rustle_sound* sound);
 /** In all gaps so far. */
 RUSTLE_API uint64_t rustle_missing_samples(const rustle_reader* reader);
+
+/* ---- what the daemon sees */
+
+/** A session's observations as they come. One thread at a time. */
+typedef struct rustle_observer rustle_observer;
+
+/** A part of the sheet that sounds by itself. */
+typedef struct rustle_resonator {
+  int32_t constrained;
+  int32_t coarse;              /**< 1: the mesh is too coarse there for the promised accuracy */
+  double ruling_length_m;      /**< l_r */
+  double free_border_length_m; /**< l_c */
+  double area_m2;
+} rustle_resonator;
+
+typedef struct rustle_crumpling_event {
+  uint64_t event_id;
+  uint64_t continues_event_id; /**< 0: none */
+  double time_s;               /**< when the curvature passed zero */
+  double amplitude_m;
+  double area_m2;
+  double position[3];
+  const rustle_resonator* resonators; /**< [resonator_count] */
+  size_t resonator_count;
+} rustle_crumpling_event;
+
+typedef struct rustle_friction_contact {
+  uint64_t event_id; /**< stays for the whole episode */
+  double speed_m_per_s;
+  double area_m2;
+  double position[3];
+  const char* touched_surface;
+  const rustle_resonator* resonators; /**< [resonator_count] */
+  size_t resonator_count;
+} rustle_friction_contact;
+
+/** What the daemon saw in one frame. Metres, session's axes. */
+typedef struct rustle_observation {
+  uint32_t sheet_id;
+  double time_s;
+  const rustle_crumpling_event* crumpling; /**< [crumpling_count] */
+  size_t crumpling_count;
+  const rustle_friction_contact* friction; /**< [friction_count] */
+  size_t friction_count;
+} rustle_observation;
+
+/** Returns when that is in force. Does as the session does when the daemon goes away. Free with rustle_free_observer(). */
+RUSTLE_API rustle_status rustle_observe(rustle_session* session, rustle_observer** observer);
+/** NULL is left alone. */
+RUSTLE_API void rustle_free_observer(rustle_observer* observer);
+/** The next frame in which something happened; what it points to is valid until this is called again with the same observer.
+ * NOTHING: none came in time. Error: UNREACHABLE: the daemon has gone, and is not waited for. */
+RUSTLE_API rustle_status rustle_next_observation(rustle_observer* observer, double timeout_s,
+                                                 rustle_observation* observation);
 
 #ifdef __cplusplus
 }

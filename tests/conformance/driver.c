@@ -1,5 +1,6 @@
 /* The C SDK, driven line by line: driver.py says how. */
 #include <rustle.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -10,6 +11,7 @@ enum { MOST_SHEETS = 8, MOST_CONTACTS = 1024 };
 static rustle_connection* connection;
 static rustle_session* session;
 static rustle_reader* reader;
+static rustle_observer* observer;
 
 static const char* const kKinds[] = {"", "crumpling", "friction", "tearing"};
 
@@ -102,6 +104,20 @@ static void do_frames(const command* given) {
                                     .partner_count = 1,
                                     .slip_velocities = slips[0],
                                     .normal_forces = forces};
+  static const uint8_t curved = 1;
+  static const uint32_t region = 0;
+  static const float ruling[6] = {0, 0, 0, 1, 0, 0}, point[3] = {0, 0, 0};
+  size_t region_bytes;
+  const uint32_t* regions = file(given, "regions", &region_bytes);
+  const rustle_partition partition = {.triangle_regions = regions,
+                                      .triangle_count = region_bytes / sizeof(uint32_t),
+                                      .region_curved = &curved,
+                                      .region_count = 1,
+                                      .rulings = ruling,
+                                      .ruling_regions = &region,
+                                      .ruling_count = 1,
+                                      .singular_points = point,
+                                      .singular_count = 1};
   double slip[3] = {0, 0, 0};
   vector(given, "slip", slip);
   if (contacts.count > MOST_CONTACTS) give_up(given, "too many contacts");
@@ -115,7 +131,8 @@ static void do_frames(const command* given) {
                                      .topology_id = whole(given, "topology"),
                                      .time_s = start + (double)k / fps,
                                      .positions = positions + (first + k % count) * floats,
-                                     .contacts = vertices == NULL ? NULL : &contacts};
+                                     .contacts = vertices == NULL ? NULL : &contacts,
+                                     .partition = regions == NULL ? NULL : &partition};
     status = rustle_frame(session, &frame);
   }
   answer(status);
@@ -314,6 +331,58 @@ static void do_block(const command* given) {
   answer(status);
 }
 
+static void do_observe(const command* given) {
+  (void)given;
+  answer(rustle_observe(session, &observer));
+}
+
+/* Text that grows; what does not fit is lost, and differs from the others'. */
+static char seen_text[1 << 20];
+static size_t seen_length;
+
+static void see(const char* format, ...) {
+  va_list values;
+  va_start(values, format);
+  const int length = vsnprintf(seen_text + seen_length, sizeof(seen_text) - seen_length, format, values);
+  va_end(values);
+  if (length > 0 && seen_length + (size_t)length < sizeof(seen_text)) seen_length += (size_t)length;
+}
+
+static void see_figures(const double* figures, size_t count, const rustle_resonator* resonators, size_t resonator_count) {
+  for (size_t k = 0; k < count; ++k) see(" %.9g", figures[k]);
+  for (const rustle_resonator* r = resonators; r != resonators + resonator_count; ++r)
+    see(" %d %d %.9g %.9g %.9g", (int)r->constrained, (int)r->coarse, r->ruling_length_m, r->free_border_length_m,
+        r->area_m2);
+  see("\n");
+}
+
+static void see_observation(const rustle_observation* seen) {
+  see("sheet %u %.9g\n", (unsigned)seen->sheet_id, seen->time_s);
+  for (const rustle_crumpling_event* e = seen->crumpling; e != seen->crumpling + seen->crumpling_count; ++e) {
+    const double figures[] = {e->time_s, e->amplitude_m, e->area_m2, e->position[0], e->position[1], e->position[2]};
+    see("crumpling %llu %llu", (unsigned long long)e->event_id, (unsigned long long)e->continues_event_id);
+    see_figures(figures, 6, e->resonators, e->resonator_count);
+  }
+  for (const rustle_friction_contact* c = seen->friction; c != seen->friction + seen->friction_count; ++c) {
+    const double figures[] = {c->speed_m_per_s, c->area_m2, c->position[0], c->position[1], c->position[2]};
+    see("friction %llu %s", (unsigned long long)c->event_id, c->touched_surface);
+    see_figures(figures, 5, c->resonators, c->resonator_count);
+  }
+}
+
+static void do_observations(const command* given) {
+  const double until = now_s() + number(given, "timeout", 60);
+  rustle_status status = RUSTLE_OK;
+  seen_length = 0;
+  for (uint32_t k = 0; k < whole(given, "count") && status == RUSTLE_OK; ++k) {
+    rustle_observation seen;
+    status = rustle_next_observation(observer, until - now_s(), &seen);
+    if (status == RUSTLE_OK) see_observation(&seen);
+  }
+  write_file(given, "to", seen_text, seen_length, true);
+  answer(status);
+}
+
 static void do_detach(const command* given) {
   (void)given;
   answer(rustle_detach(session, 0));
@@ -321,9 +390,11 @@ static void do_detach(const command* given) {
 
 static void free_all(void) {
   rustle_free_reader(reader);
+  rustle_free_observer(observer);
   rustle_free_session(session);
   rustle_disconnect(connection);
   reader = NULL;
+  observer = NULL;
   session = NULL;
   connection = NULL;
 }
@@ -363,6 +434,8 @@ static const struct {
     {"read_all", do_read_all},
     {"blocks", do_blocks},
     {"block", do_block},
+    {"observe", do_observe},
+    {"observations", do_observations},
     {"detach", do_detach},
     {"close", do_close},
 };

@@ -74,6 +74,14 @@ bool good(const tl::expected<T, Error>& result) {
   return result.has_value();
 }
 
+void tell(const Vector3& position, const std::vector<ObservedResonator>& resonators, std::ostream& line) {
+  for (const double x : position) line << " " << x;
+  for (const ObservedResonator& r : resonators)
+    line << " " << r.constrained << " " << r.coarse << " " << r.ruling_length_m << " " << r.free_border_length_m << " "
+         << r.area_m2;
+  line << "\n";
+}
+
 /// Those that are asked for; 0 where there is none.
 void answer_figures(const command& given, const std::map<std::string, double>& known) {
   std::istringstream names(text(given, "figures"));
@@ -147,6 +155,15 @@ class Driver {
                                  .partner_table = {{.is_sheet = false, .id = whole<std::uint32_t>(given, "partner")}},
                                  .slip_velocities = slips,
                                  .normal_forces = forces};
+    constexpr std::uint8_t kCurved = 1;
+    constexpr std::uint32_t kRegion = 0;
+    constexpr float kRuling[] = {0, 0, 0, 1, 0, 0}, kPoint[] = {0, 0, 0};
+    if (const auto regions = array<std::uint32_t>(given, "regions"); !regions.empty())
+      extras.partition = Partition{.triangle_regions = regions,
+                                   .region_curved = {&kCurved, 1},
+                                   .rulings = kRuling,
+                                   .ruling_regions = {&kRegion, 1},
+                                   .singular_points = kPoint};
     const auto count =
         static_cast<std::size_t>(number(&given, "count", static_cast<double>(positions.size() / floats - first)));
     const std::size_t messages = count * static_cast<std::size_t>(number(&given, "repeat", 1));
@@ -326,6 +343,34 @@ class Driver {
     begin_answer("nothing");
   }
 
+  void observe(const command&) {
+    auto made = session_->observe();
+    if (good(made)) observer_.emplace(std::move(*made));
+  }
+
+  void observations(const command& given) {
+    const double until = now_s() + number(&given, "timeout", 60);
+    std::ostringstream lines;
+    lines.precision(9);
+    for (std::size_t k = 0; k < whole<std::size_t>(given, "count"); ++k) {
+      const auto seen = observer_->next(milliseconds(static_cast<std::int64_t>(1000 * std::max(0.0, until - now_s()))));
+      if (!seen) return begin_answer("nothing");
+      lines << "sheet " << seen->sheet_id << " " << seen->time_s << "\n";
+      for (const ObservedCrumpling& e : seen->crumpling) {
+        lines << "crumpling " << e.event_id << " " << e.continues_event_id << " " << e.time_s << " " << e.amplitude_m << " "
+              << e.area_m2;
+        tell(e.position, e.resonators, lines);
+      }
+      for (const ObservedFriction& c : seen->friction) {
+        lines << "friction " << c.event_id << " " << c.touched_surface << " " << c.speed_m_per_s << " " << c.area_m2;
+        tell(c.position, c.resonators, lines);
+      }
+    }
+    const std::string text = lines.str();
+    write_file(&given, "to", text.data(), text.size(), true);
+    begin_answer("ok");
+  }
+
   void detach(const command&) {
     auto last = session_->detach();
     if (good(last)) last_ = std::move(*last);
@@ -333,6 +378,7 @@ class Driver {
 
   void close(const command&) {
     reader_.reset();
+    observer_.reset();
     session_.reset();
     connection_.reset();
     last_.reset();
@@ -344,6 +390,7 @@ class Driver {
   std::optional<Connection> connection_{};
   std::optional<Session> session_{};
   std::optional<PcmReader> reader_{};
+  std::optional<ObservationReader> observer_{};
   std::optional<Statistics> last_{};
   std::deque<Notice> notices_{};
 };
@@ -379,6 +426,8 @@ constexpr Verb kVerbs[] = {
     {"read_all", &Driver::read_all},
     {"blocks", &Driver::blocks},
     {"block", &Driver::block},
+    {"observe", &Driver::observe},
+    {"observations", &Driver::observations},
     {"detach", &Driver::detach},
     {"close", &Driver::close},
 };

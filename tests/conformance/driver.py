@@ -11,6 +11,7 @@ Arrays are files of raw numbers, little-endian: f32, u32.
     add_topology id= vertices=V triangles=FILE [material=FILE]
     frames sheet= topology= vertices=V positions=FILE [first=0] [count=all] [start=S] [fps=60] [repeat=1]
            [contacts=FILE partner=OBSTACLE slip=X,Y,Z force=N]        of these vertices, in every frame
+           [regions=FILE]         of the triangles, in every frame: 0 is curved and has a ruling and a singular point
     frames_until_reattached sheet= topology= vertices=V positions=FILE [timeout=S]     by the clock on the wall
     obstacle id= [time=] shape=plane|box|sphere|capsule|mesh [position=] [size=] [length=] [triangles=FILE vertices=FILE]
     move_obstacle id= time= position=      remove_obstacle id= time=
@@ -24,6 +25,7 @@ Arrays are files of raw numbers, little-endian: f32, u32.
     read_all [timeout=] [to=FILE]
     blocks [timeout=] [to=FILE] [places=FILE]      until the sound is complete
     block [restarted=1] [timeout=]                 the next one, or the next of a daemon that was started anew
+    observe                observations count= [to=FILE]      the first so many
     detach                 close                   frees session, reader and connection
 """
 import json
@@ -59,7 +61,7 @@ class Words(dict):
 
 class Driver:
     def __init__(self):
-        self.connection = self.session = self.reader = self.last = None
+        self.connection = self.session = self.reader = self.observer = self.last = None
         self.notices = []
 
     def connect(self, words):
@@ -103,10 +105,15 @@ class Driver:
             slip, force = (np.array(value, np.float32) for value in (words.vector("slip"), words.number("force")))
             contacts = rustle.Contacts(vertices, np.zeros(len(vertices), int), [rustle.ContactPartner(words.whole("partner"))],
                                        np.tile(slip, (len(vertices), 1)), np.full(len(vertices), force, np.float32))
+        regions = None
+        if "regions" in words:
+            regions = rustle.Partition(words.file("regions", "<u4", -1), np.array([True]), np.float32([[0, 0, 0, 1, 0, 0]]), np.array([0]),
+                                       np.float32([[0, 0, 0]]))
         sent = rustle.Sent.QUEUED
         count = words.whole("count", len(positions) - first)
         for k in range(count * words.whole("repeat", 1)):
-            sent = self.session.frame(words.whole("sheet"), words.whole("topology"), start + k / fps, positions[first + k % count], contacts=contacts)
+            sent = self.session.frame(words.whole("sheet"), words.whole("topology"), start + k / fps, positions[first + k % count], contacts=contacts,
+                                      partition=regions)
         return sent
 
     def frames_until_reattached(self, words):
@@ -222,16 +229,41 @@ class Driver:
                 return None
         return {"status": "nothing"}
 
+    def observe(self, words):
+        self.observer = self.session.observe()
+
+    def observations(self, words):
+        lines, deadline = [], time.monotonic() + words.number("timeout", 60)
+        for _ in range(words.whole("count")):
+            seen = self.observer.next(max(0.0, deadline - time.monotonic()))
+            if seen is None:
+                return {"status": "nothing"}
+            lines.append(f"sheet {seen.sheet_id} {seen.time_s:.9g}\n")
+            for event in seen.crumpling:
+                figures = (event.time_s, event.amplitude_m, event.area_m2, *event.position)
+                lines.append(f"crumpling {event.event_id} {event.continues_event_id}{words_of(figures, event.resonators)}\n")
+            for contact in seen.friction:
+                figures = (contact.speed_m_per_s, contact.area_m2, *contact.position)
+                lines.append(f"friction {contact.event_id} {contact.touched_surface}{words_of(figures, contact.resonators)}\n")
+        if "to" in words:
+            pathlib.Path(words["to"]).write_text("".join(lines))
+
     def detach(self, words):
         self.last = self.session.detach()
 
     def close(self, words):
-        if self.reader is not None:
-            self.reader.close()
+        for reader in (self.reader, self.observer):
+            if reader is not None:
+                reader.close()
         self.session = None  # which tells the daemon
         if self.connection is not None:
             self.connection.close()
         self.__init__()
+
+
+def words_of(figures, resonators):
+    each = (f" {r.constrained:d} {r.coarse:d} {r.ruling_length_m:.9g} {r.free_border_length_m:.9g} {r.area_m2:.9g}" for r in resonators)
+    return "".join(f" {x:.9g}" for x in figures) + "".join(each)
 
 
 def error_of(error):

@@ -61,9 +61,12 @@ TEST_CASE("A handle or pointer that is NULL is an error, or nothing") {
   check_error(rustle_listen(session, nullptr, nullptr), "session");
   check_error(rustle_next_block(reader, 0, nullptr), "reader");
   check_error(rustle_read_all(reader, 0, nullptr), "reader");
+  check_error(rustle_observe(session, nullptr), "session");
+  check_error(rustle_next_observation(nullptr, 0, nullptr), "observer");
   rustle_disconnect(connection);
   rustle_free_session(session);
   rustle_free_reader(reader);
+  rustle_free_observer(nullptr);
   CHECK(rustle_missing_samples(reader) == 0);
   CHECK(rustle_session_id(session) == std::string());
   CHECK(rustle_recording_file_name(session) == std::string());
@@ -162,7 +165,12 @@ TEST_CASE("What is said in C arrives in C++") {
   const rustle_contacts contacts{2, vertices, partners, table, 2, slips, forces};
   const rustle_tear_tip tip{4, {1, 2, 3}, 0.5, 1, {0, 1, 0}};
   rustle_mesh_frame frame{};
+  const std::uint32_t regions[] = {0, 1, 1}, ruling_regions[] = {1};
+  const std::uint8_t curved[] = {0, 1};
+  const float ruling[6] = {0, 0, 0, 1, 0, 0};
+  const rustle_partition partition{regions, 3, curved, 2, ruling, ruling_regions, 1, nullptr, nullptr, 0};
   frame.contacts = &contacts;
+  frame.partition = &partition;
   frame.tear_tips = &tip;
   frame.tear_tip_count = 1;
   client::FrameExtras extras;
@@ -176,6 +184,10 @@ TEST_CASE("What is said in C arrives in C++") {
   REQUIRE(extras.tear_tips.size() == 1);
   CHECK(extras.tear_tips[0].direction == client::Vector3{0, 1, 0});
   CHECK(extras.velocities.empty());
+  REQUIRE(extras.partition);
+  CHECK(extras.partition->triangle_regions.size() == 3);
+  CHECK(extras.partition->rulings.size() == 6);
+  CHECK(extras.partition->singular_points.empty());
 }
 
 TEST_CASE("Numbers that are no constants and arrays that are not there are named") {
@@ -205,6 +217,11 @@ TEST_CASE("Numbers that are no constants and arrays that are not there are named
   client::FrameExtras extras;
   std::vector<client::TearTip> tips;
   CHECK(field_of(read(frame, 1, extras, tips)) == "frame.contacts.vertices");
+  rustle_partition partition{};
+  partition.singular_count = 1;
+  frame = {};
+  frame.partition = &partition;
+  CHECK(field_of(read(frame, 1, extras, tips)) == "frame.partition.singular_points");
 }
 
 TEST_CASE("Seconds are milliseconds, rounded up, within what a clock can count") {
