@@ -241,8 +241,8 @@ class Session {
 
   mutable std::mutex inbox_mutex_;
   Inbox inbox_;
-  bool busy_ = false;               ///< an item has left the inbox and is being analysed
-  bool frame_uncounted_ = false;    ///< it is a frame that is in no sum yet
+  bool busy_ = false;             ///< an item has left the inbox and is being analysed
+  bool frame_uncounted_ = false;  ///< it is a frame that is in no sum yet
   std::uint64_t taken_sequence_ = 0;
   WallClock::Duration taken_at_{};  ///< when the last one left it
   Counters counters_;
