@@ -8,7 +8,7 @@ rustle_build_packages=(
   libboost-dev prometheus-cpp-dev libcairo2-dev libopus-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
 )
 rustle_test_packages=(catch2 clang-format libclang-rt-19-dev nodejs npm python3 python3-numpy python3-zmq python3-protobuf python3-pip python3-setuptools python3-wheel pulseaudio pulseaudio-utils jackd2
-  libbullet-dev)
+  libbullet-dev parallel)
 rustle_fuzz_packages=(clang-19 libclang-rt-19-dev catch2)
 rustle_bench_packages=(supercollider-server)  # what the benchmarks compare with
 rustle_container_packages=(mmdebstrap buildah)  # for deploy/container/build.sh
@@ -21,7 +21,6 @@ rustle_install_packages() {
   [ "$1" = bench ] && wanted+=("${rustle_bench_packages[@]}")
   [ "$1" = container ] && wanted+=("${rustle_container_packages[@]}")
   [ "$1" = blender ] && wanted=("${rustle_blender_packages[@]}")
-  for name in "${wanted[@]}"; do
     # A newer Node.js from elsewhere serves as well as Debian's.
     case $name in nodejs) command -v node >/dev/null && continue ;; npm) command -v npm >/dev/null && continue ;; esac
     dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$name")
