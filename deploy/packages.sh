@@ -1,5 +1,5 @@
 # The Debian 12 packages Rustle needs; sourced by quickstart.sh and tests/run.sh.
-# rustle_install_packages build|test|bench|fuzz|blender|container: installs what is missing, with sudo where the caller is not root.
+# rustle_install_packages build|test|bench|fuzz|blender|container|slurm: installs what is missing, with sudo where the caller is not root.
 
 rustle_build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
@@ -12,6 +12,7 @@ rustle_test_packages=(catch2 clang-format libclang-rt-19-dev nodejs npm python3 
 rustle_fuzz_packages=(clang-19 libclang-rt-19-dev catch2)
 rustle_bench_packages=(supercollider-server)  # what the benchmarks compare with
 rustle_container_packages=(mmdebstrap buildah)  # for deploy/container/build.sh
+rustle_slurm_packages=(slurm-wlm munge parallel python3 python3-numpy)  # for tests/slurm/run.sh
 rustle_blender_packages=(blender protobuf-compiler python3 python3-numpy python3-zmq python3-protobuf)  # for tests/blender/run.sh
 
 rustle_install_packages() {
@@ -21,6 +22,8 @@ rustle_install_packages() {
   [ "$1" = bench ] && wanted+=("${rustle_bench_packages[@]}")
   [ "$1" = container ] && wanted+=("${rustle_container_packages[@]}")
   [ "$1" = blender ] && wanted=("${rustle_blender_packages[@]}")
+  [ "$1" = slurm ] && wanted=("${rustle_slurm_packages[@]}")
+  for name in "${wanted[@]}"; do
     # A newer Node.js from elsewhere serves as well as Debian's.
     case $name in nodejs) command -v node >/dev/null && continue ;; npm) command -v npm >/dev/null && continue ;; esac
     dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q '^install ok installed$' || missing+=("$name")

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Renders a folder of captures, one command for each: through GNU parallel or processes of its own."""
+"""Renders a folder of captures, one command for each: through GNU parallel, processes of its own, or a Slurm array."""
 import argparse
 import json
 import os
@@ -12,7 +12,8 @@ import sys
 import time
 
 import engines
-from plan import DONE, FAILED, INCOMPLETE, Locks, Mistake, Plan, make_plan
+import slurm
+from plan import DONE, FAILED, INCOMPLETE, Locks, Mistake, Plan, make_plan, written_whole
 from render import check_version, render_these
 from report import counted, duration, level, make_report, summary_lines
 
@@ -20,6 +21,9 @@ DESCRIPTION = "Render a folder of captures, one command for each capture. What i
 EXAMPLE = """Example, on one machine:
   batch.py plan takes/ out/ -- --material tracing-paper
   batch.py run out/
+On a cluster with Slurm:
+  batch.py plan takes/ out/
+  batch.py slurm out/ --wait -- --partition=short
 Start an interrupted run again, and it goes on. What is rendered stays until the capture changes or a new plan has other
 options, or was made by another version of rustle.
 Exit status: 0 all is rendered, 1 something failed, is incomplete or not rendered yet, 2 wrong usage. `batch.py COMMAND --help` tells more."""
@@ -157,6 +161,29 @@ def run_command(arguments):
     return tell_report(plan, said)
 
 
+def slurm_command(arguments):
+    plan = Plan.load(arguments.out)
+    pending = plan.pending(arguments.retry)
+    if not pending:
+        print("nothing to do")
+        return report_command(arguments)
+    check_version(plan)
+    text, tasks, per_task = slurm.script_of(plan, pending, (arguments.array_size or slurm.array_size()) - 1, arguments.per_task, arguments.at_once,
+                                            arguments.retry)
+    script = plan.out / "slurm/batch.sh"
+    with written_whole(script) as file:
+        file.write(text)
+    print(f"{script}: {counted(len(pending), 'capture')} in {counted(tasks, 'task')} of up to {per_task}")
+    if not (arguments.submit or arguments.wait):
+        print(f"next: {shlex.join(['sbatch', *arguments.passed_on, str(script)])}, or the same with --submit")
+        return 0
+    print(f"Slurm's job {slurm.submit(script, arguments.wait, arguments.passed_on)}", flush=True)
+    if arguments.wait:
+        return report_command(arguments)
+    print(f"what the tasks say is in {script.parent}; when they are done: {shlex.join([sys.argv[0], 'report', arguments.out])}")
+    return 0
+
+
 def report_command(arguments):
     return tell_report(Plan.load(arguments.out))
 
@@ -203,6 +230,17 @@ def parser():
     added.add_argument("--engine", choices=("auto", "parallel", "pool"), default="auto", help="GNU parallel, a pool of processes, or what is there (auto)")
     retry(added)
 
+    added = command("slurm", slurm_command, "Write an array script for Slurm, and submit it",
+                    "Example: batch.py slurm out/ --wait -- --partition=short --time=30\nAfter -- come options of sbatch.")
+    added.add_argument("out", **out)
+    added.add_argument("--submit", action="store_true", help="give it to sbatch; without it, only the script is written")
+    added.add_argument("--wait", action="store_true", help="submit, wait for the end, and report")
+    added.add_argument("--per-task", type=positive, help="captures that one task renders; without it as few as Slurm's MaxArraySize lets")
+    added.add_argument("--at-once", type=positive, help="tasks at a time; without it as many as Slurm lets")
+    added.add_argument("--array-size", type=at_least_2, help=f"Slurm's MaxArraySize; without it as `scontrol show config` has it, else {slurm.ARRAY_SIZE}")
+    retry(added)
+    added.set_defaults(passes_on=True)
+
     added = command("report", report_command, "Merge what there is into OUT/report.json and OUT/report.html", "Example: batch.py report out/")
     added.add_argument("out", **out)
 
@@ -223,8 +261,16 @@ def parser():
 
 
 def positive(text):
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is no number from 1 up")
+    return at_least(1, text)
+
+
+def at_least_2(text):
+    return at_least(2, text)
+
+
+def at_least(least, text):
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text} is no number from {least} up")
     return int(text)
 
 
@@ -246,7 +292,7 @@ def main():
     top = parser()
     arguments = top.parse_args(own)
     if passed_on and not arguments.passes_on:
-        top.error("options after -- belong to `plan`")
+        top.error("options after -- belong to `plan` (for rustle render) and `slurm` (for sbatch)")
     arguments.passed_on = passed_on
     try:
         return arguments.run(arguments)

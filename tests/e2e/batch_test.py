@@ -1,12 +1,16 @@
 #!/usr/bin/python3
-"""Batches: deploy/batch/batch.py renders a folder of captures once, whatever interrupts it, and reports what became of each."""
+"""Batches: deploy/batch/batch.py renders a folder of captures once, whatever interrupts it, and reports what became of each.
+The Slurm of tests/slurm/run.sh is used where it is installed."""
+import contextlib
 import html.parser
 import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import unittest
 import urllib.parse
 
 import numpy as np
@@ -15,6 +19,7 @@ from support import BIN, SOURCE, STORED_CAPTURE, RustleTest, main, read_events, 
 from support import rustle as run_rustle
 
 COMMAND = SOURCE / "deploy/batch/batch.py"
+SLURM = ("munged", "slurmctld", "slurmd", "sbatch", "sinfo")
 # Notes each render in the file `log`, and halts at held.mcap while there is a file `hold`.
 PROGRAM = """#!/bin/bash
 if [ "$1" = render ] && [ -f "$2" ]; then
@@ -218,6 +223,36 @@ class Batch(BatchTest):
         self.assertEqual(self.rendered(), names)
         self.no_parts()
 
+    def test_a_slurm_array_covers_what_is_pending(self):
+        """The script, run as Slurm would run it."""
+        names = [f"{letter}.mcap" for letter in "abcdefg"]
+        self.fill(*names)
+        self.plan()
+        self.batch("one", self.out, 1, "3-4")
+        self.assertEqual(self.rendered(), ["a.mcap", "c.mcap", "d.mcap"])
+        slurm = self.folder / "slurm-bin"
+        slurm.mkdir()
+        (slurm / "scontrol").write_text("#!/bin/bash\necho 'MaxArraySize            = 5'\n")
+        (slurm / "sbatch").write_text(f"""#!/bin/bash
+echo "$@" >> {self.folder}/submitted
+for range in $(sed -n 's/^#SBATCH --array=\\([0-9,-]*\\).*/\\1/p' "${{@: -1}}" | tr , ' '); do
+  for task in $(seq ${{range%-*}} ${{range#*-}}); do SLURM_ARRAY_TASK_ID=$task bash "${{@: -1}}" >&2; done
+done
+echo "42;cluster"
+""")
+        for program in slurm.iterdir():
+            program.chmod(0o755)
+        self.environment["PATH"] = f"{slurm}:{self.environment['PATH']}"
+        written = self.batch("slurm", self.out, "--at-once", 2).stdout
+        self.assertIn("4 captures in 3 tasks of up to 2", written)
+        self.assertRegex((self.out / "slurm/batch.sh").read_text(), r"(?m)^#SBATCH --array=1,3-4%2$")
+        self.assertIn("say 2 at least", self.batch("slurm", self.out, "--per-task", 1, status=2).stderr)
+        self.batch("slurm", self.out, "--per-task", 4, "--wait", "--", "--partition=short")
+        self.assertRegex((self.folder / "submitted").read_text(), r"^--parsable --wait --partition=short /")
+        self.assertIn("nothing to do", self.batch("slurm", self.out, "--submit").stdout)
+        self.assertEqual(self.rendered(), ["b.mcap", "e.mcap", "f.mcap", "g.mcap"])
+        self.assertEqual(self.report()["totals"]["done"], 7)
+
     def test_mistakes_name_the_remedy(self):
         def refused(remedy, *arguments):
             self.assertIn(remedy, self.batch(*arguments, status=2).stderr)
@@ -238,6 +273,89 @@ class Batch(BatchTest):
         refused("name another folder", "plan", self.folder / "others", self.out, "--program", self.program)
         self.program.write_text("#!/bin/bash\necho rustle 9.9\n")
         refused("`plan` again", "run", self.out)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@unittest.skipUnless(all(shutil.which(name) for name in SLURM), "Slurm is not installed: tests/slurm/run.sh installs it and runs this")
+class Slurm(BatchTest):
+    @contextlib.contextmanager
+    def slurm(self):
+        """A cluster of this one machine, without systemd."""
+        place, host = self.folder / "cluster", socket.gethostname().split(".")[0]
+        for folder in (place / "state", place / "spool"):
+            folder.mkdir(parents=True)
+        place.chmod(0o755)
+        self.folder.chmod(0o755)
+        key, munge = place / "key", place / "munge"
+        key.write_bytes(os.urandom(128))
+        key.chmod(0o400)
+        user = "root" if os.geteuid() == 0 else subprocess.check_output(["id", "-un"], text=True).strip()
+        (place / "slurm.conf").write_text(f"""
+ClusterName=one
+SlurmctldHost={host}(127.0.0.1)
+SlurmctldPort={free_port()}
+SlurmdPort={free_port()}
+SlurmUser={user}
+SlurmdUser={user}
+AuthInfo=socket={munge}
+StateSaveLocation={place}/state
+SlurmdSpoolDir={place}/spool
+SlurmctldPidFile={place}/slurmctld.pid
+SlurmdPidFile={place}/slurmd.pid
+ProctrackType=proctrack/pgid
+TaskPlugin=task/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_CPU
+NodeName={host} NodeAddr=127.0.0.1 CPUs={os.cpu_count()} State=UNKNOWN
+PartitionName=short Nodes=ALL Default=YES State=UP
+""")
+        self.environment["SLURM_CONF"] = str(place / "slurm.conf")
+        started = []
+
+        def start(*command):
+            with open(place / f"{command[0]}.said", "w") as said:
+                started.append(subprocess.Popen(command, stdout=said, stderr=said, stdin=subprocess.DEVNULL, env=self.environment))
+
+        def idle():
+            told = subprocess.run(["sinfo", "-h", "-o", "%t"], env=self.environment, capture_output=True, text=True).stdout
+            return told.strip() == "idle"
+
+        try:
+            start("munged", "--foreground", "--force", f"--socket={munge}", f"--key-file={key}", f"--pid-file={place}/munged.pid",
+                  f"--seed-file={place}/seed", f"--log-file={place}/munged.log")
+            wait_until(munge.exists, 10, f"munged does not start: {(place / 'munged.said').read_text()}")
+            start("slurmctld", "-D")
+            start("slurmd", "-D", "-N", host)
+            wait_until(idle, 30, "Slurm does not start: " + "".join((place / f"{name}.said").read_text()[-2000:] for name in ("slurmctld", "slurmd")))
+            yield
+        finally:
+            for process in reversed(started):
+                process.terminate()
+            for process in started:
+                try:
+                    process.wait(10)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+
+    def test_a_folder_is_rendered_once(self):
+        names = ["a.mcap", "b b.mcap", "c.mcap"]
+        self.fill(*names)
+        self.cut("nothing.mcap", 800)
+        self.plan()
+        with self.slurm():
+            self.assertIn("4 captures: 3 done, 1 failed", self.batch("slurm", self.out, "--wait", "--", "--partition=short", status=1).stdout)
+            self.assertEqual(self.rendered(), sorted([*names, "nothing.mcap"]))
+            self.assertIn("cut at byte 800", self.report()["failures"][0]["reason"])
+            self.assertEqual(len(list((self.out / "slurm").glob("*.txt"))), 4)
+            self.assertIn("nothing to do", self.batch("slurm", self.out, "--wait", status=1).stdout)
+            self.assertIn("partition", self.batch("slurm", self.out, "--retry", "--submit", "--", "--partition=nosuch", status=2).stderr)
+        self.assertEqual(self.rendered(), [])
 
 
 if __name__ == "__main__":
