@@ -67,7 +67,8 @@ def render(plan, number):
     place.mkdir(parents=True, exist_ok=True)
     prefix = f".{result_file.stem}.part-"
     for left in place.glob(f"{glob.escape(prefix)}*"):  # by a run that was killed
-        shutil.rmtree(left, ignore_errors=True)
+        if "." not in left.name[len(prefix):]:  # else of a capture whose name goes on
+            shutil.rmtree(left, ignore_errors=True)
     key = plan.key(number)
     folder = tempfile.mkdtemp(prefix=prefix, dir=place)
     try:

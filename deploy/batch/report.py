@@ -90,8 +90,8 @@ def summary_lines(plan, totals):
         yield (f"{duration(totals['sound_s'])} of sound: {events['crumpling']} crumpling, {events['friction']} friction, {events['tearing']} tearing; "
                f"peak {level(totals['peak_dbfs'])}, RMS {level(totals['rms_dbfs'])}")
         took = totals["capture_s"]
-        yield (f"rendered in {duration(totals['elapsed_s'])} of capture after capture ({duration(totals['processor_s'])} of a processor); one took "
-               f"{duration(took['median'])} (median), {duration(took['most'])} at most; {totals['memory_mb_most']:.0f} MB at most")
+        yield (f"{duration(totals['processor_s'])} of a processor; a capture took {duration(took['median'])} (median), {duration(took['most'])} at most, and "
+               f"{totals['memory_mb_most']:.0f} MB of memory at most")
     yield f"{plan.out / 'report.html'}, {plan.out / 'report.json'}"
 
 
