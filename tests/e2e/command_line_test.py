@@ -132,6 +132,12 @@ class WrongUsage(RustleTest):
         self.assertIn("parchment", text)
         self.assertIn("printer-paper", text)
 
+    def test_output_that_cannot_be_written(self):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run([BIN / "rustle", "pack", "list", "--json"], stdout=full, stderr=subprocess.PIPE, text=True)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("disk full", done.stderr)
+
     def test_missing_files(self):
         self.assertIn("nowhere.mcap", self.complaint(2, "render", "nowhere.mcap", "-o", self.folder / "x.wav"))
         self.assertIn("/no/folder", self.complaint(1, "render", STORED_CAPTURE, "-o", "/no/folder/x.wav"))

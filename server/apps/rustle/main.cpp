@@ -1,10 +1,14 @@
 #include <CLI/CLI.hpp>
+#include <cstdio>
 #include <exception>
 
 #include "server/apps/command.h"
 
-int main(int argc, char** argv) {
-  using namespace rustle::apps;
+namespace {
+
+using namespace rustle::apps;
+
+int run(int argc, char** argv) {
   CLI::App app{"Rustle gives deforming sheets their sound.", "rustle"};
   app.set_version_flag("--version", "rustle " RUSTLE_VERSION);
   app.require_subcommand(1);
@@ -38,4 +42,13 @@ int main(int argc, char** argv) {
   } catch (const std::exception& error) {
     return complain(error.what(), kFailed);
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const int status = run(argc, argv);
+  // A figure that did not arrive must not look like one that did.
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
+  return complain("what was printed could not be written; is the disk full?", kFailed);
 }
