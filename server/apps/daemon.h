@@ -91,6 +91,10 @@ class Daemon {
  private:
   using Instant = session::WallClock::Duration;
 
+  // what a client that follows simulation time may have under way
+  static constexpr std::uint32_t kWindowMessages = 64;
+  static constexpr std::uint64_t kWindowBytes = std::uint64_t{64} << 20;
+
   struct NoticeTally {
     std::optional<Instant> last_sent;
     std::uint64_t unsent = 0;
