@@ -30,6 +30,11 @@ inline void* counted_or_throw(std::size_t size, std::size_t alignment = alignof(
   throw std::bad_alloc();
 }
 
+/// Never inlined: beside a `new` that the compiler does not see through it would warn of a mismatch.
+[[gnu::noinline]] inline void give_back(void* p) noexcept {
+  std::free(p);
+}
+
 }  // namespace rustle::test_support
 
 void* operator new(std::size_t size) {
@@ -51,26 +56,26 @@ void* operator new[](std::size_t size, std::align_val_t at) {
   return rustle::test_support::counted_or_throw(size, static_cast<std::size_t>(at));
 }
 void operator delete(void* p) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete[](void* p) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete(void* p, std::size_t) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete[](void* p, std::size_t) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete(void* p, std::align_val_t) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete[](void* p, std::align_val_t) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
 void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
+  rustle::test_support::give_back(p);
 }
