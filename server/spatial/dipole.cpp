@@ -54,6 +54,8 @@ std::size_t paths(const Emitter& emitter, const Receiver& receiver, const Vec3& 
                   (image.distance_m - centre_distance) / kSpeedOfSound_m_per_s,
                   height_spread_m * std::abs(rise) / kSpeedOfSound_m_per_s, image_m - receiver.position_m};
   }
+  const auto is_endless = [](const Path& path) { return !std::isfinite(path.gain) || !std::isfinite(path.delay_s); };
+  std::replace_if(out.begin(), out.begin() + static_cast<std::ptrdiff_t>(1 + planes.size()), is_endless, Path{});
   return 1 + planes.size();
 }
 

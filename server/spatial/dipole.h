@@ -41,7 +41,7 @@ struct Path {
 ///   g_0 = max(|cos θ_0|, floor)/R_0,   g_k = max(|cos θ_k|, floor)/R_k · p_0 p_k,   p = cos θ / max(|cos θ|, floor)
 /// so a sheet that turns through edge-on keeps sounding and nothing jumps; above the floor it is eqs. 5 and 6. R is held
 /// above kMinDistance_m in the gains. Emitters below a plane count as lying on it. Returns 1 + planes.size(). Pure, any
-/// thread. \pre out.size() > planes.size()
+/// thread. A way that is not finite has gain 0. \pre out.size() > planes.size()
 std::size_t paths(const Emitter& emitter, const Receiver& receiver, const Vec3& centre_m, std::span<const Plane> planes,
                   std::span<Path> out) noexcept;
 

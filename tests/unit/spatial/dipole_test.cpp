@@ -154,6 +154,18 @@ TEST_CASE("At no distance the gain stays that of 5 cm, and no input that is fini
   }
 }
 
+TEST_CASE("A way too long for numbers is silent and takes no time") {
+  Emitter emitter;
+  emitter.position_m = {1e200, -1e200, 1e300};
+  std::array<Path, 2> out;
+  const std::array<Plane, 1> table{};
+  REQUIRE(paths(emitter, point_at({0, 0, 1}), {0, 0, 1}, table, out) == 2);
+  for (const Path& path : out) {
+    CHECK(path.gain == 0);
+    CHECK(path.delay_s == 0);
+  }
+}
+
 TEST_CASE("The magnitude over a table is eq. 6: g0² + g1² + 2 g0 g1 cos(ωΔt), faded for an extended source") {
   const Plane table;
   Emitter emitter;
