@@ -46,11 +46,11 @@ void add_taps(std::span<WholeTap> whole, std::span<StillTap> still, float* out) 
 
 /// A reading that moves at an even pace while its gain goes straight.
 struct MovingTap {
-  const float* x = nullptr;  ///< sample 0 of the sound; the readings need it from ⌊position⌋ - 1 to ⌊position⌋ + 2
+  const float* x = nullptr;  ///< sample 0; readings need it from ⌊position⌋ - 1 to ⌊position⌋ + 2, and touch one beside
   Position first = 0;        ///< position of the first output sample
-  std::int32_t slide = 0;    ///< step of the position less one sample
-  float gain = 0;            ///< at the first output sample
-  float slope = 0;           ///< per sample
+  std::int32_t slide = 0;  ///< step of the position less one sample
+  float gain = 0;          ///< at the first output sample
+  float slope = 0;         ///< per sample
 };
 
 /// out[n] += (gain + slope n) · y(first + n (1 + slide)).

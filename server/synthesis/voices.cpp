@@ -17,6 +17,7 @@
 namespace rustle::synthesis {
 namespace {
 
+constexpr SampleTime kReadBeside = 1;             ///< samples that a moving reading touches beside those it needs
 constexpr Position kMaxSlide = 8 * kWholeSample;  ///< change of delay in a quantum that is heard as motion
 constexpr double kMaxDelay_s = 2.0;
 constexpr double kGlance_s = 0.010;  ///< how far ahead a voice's loudness is judged
@@ -146,8 +147,8 @@ struct Window {
 /// Adds the readings from `first` on under a gain that goes straight from gain0 to gain1 within the quantum.
 void add_run(const Voice& voice, Position first, std::int32_t slide, float gain0, float gain1, float* out) noexcept {
   const Position last = first + (kQuantum - 1) * (kWholeSample + slide);
-  const SampleTime low = (std::min(first, last) >> 32) - 1;
-  const SampleTime high = (std::max(first, last) >> 32) + 2;
+  const SampleTime low = (std::min(first, last) >> 32) - 1 - kReadBeside;
+  const SampleTime high = (std::max(first, last) >> 32) + 2 + kReadBeside;
   if (high < 0 || low >= voice.unit_samples) return;
   Window window;
   MovingTap tap{voice.unit, first, slide, gain0, (gain1 - gain0) / kQuantum};
