@@ -273,6 +273,8 @@ Daemon::Guest* Daemon::guest(const std::string& id) {
   return found == guests_.end() ? nullptr : found->second.get();
 }
 
+// ------------------------------------------------------------------------------------------------------------- stream
+
 void Daemon::handle(wire::StreamReceived& event) {
   if (const auto forbidden = check_sender(event.topic, event.user)) {
     complain("stream message", *forbidden);

@@ -127,8 +127,6 @@ std::optional<wire::Error> Daemon::check_material(const std::string& material, c
       wire::ErrorCode::kUnknownMaterial, std::move(field), found.error().message, found.error().remedy, 0, std::nullopt, {}};
 }
 
-// ------------------------------------------------------------------------------------------------------------- stream
-
 Daemon::Guest& Daemon::admit(const std::string& id, std::string name, session::SessionOptions options,
                              const std::shared_ptr<const spatial::Hrtf>& head, bool attached, const std::string& owner) {
   const AboutSession about(id);
