@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cassert>
+#include <map>
+#include <mutex>
+#include <tuple>
 #include <utility>
 
 #include "server/synthesis/stick_slip.h"
@@ -55,6 +58,22 @@ std::int64_t Material::longest_unit() const noexcept {
 
 const std::vector<float>& Material::slip(const pack::Spectrum& spectrum) const noexcept {
   return slips_[index_of(spectrum)];
+}
+
+std::shared_ptr<const Material> shared_material(const std::shared_ptr<const pack::SoundPack>& pack, std::uint32_t rate_hz,
+                                                int friction_fft_size_or_0, cloth::Search search) {
+  using Wanted = std::tuple<const pack::SoundPack*, int, cloth::Search>;
+  static std::mutex mutex;
+  static std::map<Wanted, std::weak_ptr<const Material>> known;
+  const Wanted wanted{pack.get(), friction_fft_size(rate_hz, friction_fft_size_or_0), search};
+  const std::lock_guard lock(mutex);
+  std::erase_if(known, [](const auto& entry) { return entry.second.expired(); });
+  if (const auto found = known.find(wanted); found != known.end()) {
+    if (auto held = found->second.lock()) return held;
+  }
+  auto made = std::make_shared<const Material>(pack, rate_hz, friction_fft_size_or_0, search);
+  known[wanted] = made;
+  return made;
 }
 
 }  // namespace rustle::synthesis

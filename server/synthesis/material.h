@@ -53,4 +53,10 @@ class Material {
   std::vector<std::vector<float>> slips_;
 };
 
+/// The material of a pack, one for all sessions that want the same, while any of them holds it. [any thread]
+/// \pre as of Material's constructor
+std::shared_ptr<const Material> shared_material(const std::shared_ptr<const pack::SoundPack>& pack, std::uint32_t rate_hz,
+                                                int friction_fft_size_or_0 = 0,
+                                                cloth::Search search = cloth::Search::kCausal);
+
 }  // namespace rustle::synthesis

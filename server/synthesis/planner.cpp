@@ -38,7 +38,7 @@ const Material* Planner::material(const std::shared_ptr<const pack::SoundPack>& 
     if (known.material->shared() == pack) return known.material.get();
   }
   materials_.push_back(
-      {std::make_unique<Material>(pack, options_.rate_hz, options_.friction_fft_size, options_.cloth_search), true, 0, {}});
+      {shared_material(pack, options_.rate_hz, options_.friction_fft_size, options_.cloth_search), true, 0, {}});
   return materials_.back().material.get();
 }
 

@@ -112,7 +112,7 @@ class Planner {
     SampleTime start = 0, end = 0;
   };
   struct KnownMaterial {
-    std::unique_ptr<Material> material;
+    std::shared_ptr<const Material> material;
     bool in_use = true;               ///< some sheet has it
     SampleTime planned_until = 0;     ///< not in use: no cue of it starts later
     std::optional<SampleTime> until;  ///< not in use: the last of it has sounded by then; absent: not all cues are there yet

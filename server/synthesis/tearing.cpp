@@ -22,7 +22,7 @@ using observation::TearEvent;
 
 class TearingPlan final : public PlanModel {
  public:
-  explicit TearingPlan(const PlanOptions& options) : options_(options), plain_(tear_colour({}, options.rate_hz)) {}
+  explicit TearingPlan(const PlanOptions& options) : options_(options) {}
 
   void plan(const SheetPlan& sheet, const observation::Observation& observation, SampleTime earliest,
             std::vector<Cue>& out) override {
@@ -104,7 +104,10 @@ class TearingPlan final : public PlanModel {
                                        ? pack::GridPoint{}
                                        : pack::GridPoint{resonator.ruling_length_m, resonator.free_border_length_m};
     const pack::Spectrum* spectrum = section ? pack::nearest_spectrum(*section, wanted) : nullptr;
-    if (!spectrum) return plain_.data();
+    if (!spectrum) {
+      if (plain_.empty()) plain_ = tear_colour({}, options_.rate_hz);
+      return plain_.data();
+    }
     auto& known = colours_[&material][spectrum];
     if (known.empty()) {
       const auto bins = static_cast<int>(section->fft_size / 2 + 1);
@@ -122,7 +125,7 @@ class TearingPlan final : public PlanModel {
   }
 
   PlanOptions options_;
-  std::vector<float> plain_;  ///< the colour where a pack has no spectrum
+  std::vector<float> plain_;  ///< the colour where a pack has no spectrum, from the first time that it is wanted
   std::map<sheet::SheetId, Tips> tips_;
   std::map<std::pair<sheet::SheetId, std::uint64_t>, std::uint64_t> begun_;  ///< how often each tip began
   std::map<const Material*, std::map<const pack::Spectrum*, std::vector<float>>> colours_;
