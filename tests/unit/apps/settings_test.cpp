@@ -144,10 +144,25 @@ TEST_CASE("a file that is not there, or not TOML, is told", "[apps]") {
   const auto absent = settings.read("/no/such/file.toml", no_environment);
   REQUIRE(absent.size() == 1);
   CHECK(absent[0].text().find("/no/such/file.toml") == 0);
+  const auto folder = settings.read("/", no_environment);
+  REQUIRE(folder.size() == 1);
+  CHECK(folder[0].what.find("cannot be read") == 0);
   const SettingsFile broken("[brew]\ncups = = 3\n");
   const auto errors = settings.read(broken.path(), no_environment);
   REQUIRE(errors.size() == 1);
   CHECK(errors[0].where == broken.path().string() + ":2");
+  for (const char* strange :
+       {"[.brew]\n", "[brew]\rcups = 1\xC7\xA8\xD8\x8F\n", "[br\xC3\xA9w]\n", "[brew]\tmilk = \"\"\"\n\"\"\"\n"}) {
+    const SettingsFile file(strange);
+    const auto told = settings.read(file.path(), no_environment);
+    INFO(strange);
+    REQUIRE(told.size() == 1);
+    CHECK(told[0].where == file.path().string() + ":1");
+  }
+  const SettingsFile letters(
+      "\xEF\xBB\xBF# caf\xC3\xA9 \xE2\x80\x83\n[order]\nguests = ['Zo\xC3\xAB', # \xC7\xA8\n \"Jos\\\"\xC3\xA9\"]\n");
+  CHECK(settings.read(letters.path(), no_environment).empty());
+  CHECK(machine.guests == std::vector<std::string>{"Zo\xC3\xAB", "Jos\"\xC3\xA9"});
 }
 
 TEST_CASE("what is printed says the same when it is read", "[apps]") {
