@@ -10,6 +10,7 @@
 #include "rustle/v1/session.pb.h"
 #include "server/engine/ingest.h"
 #include "server/session/settled_options.h"
+#include "server/synthesis/material.h"
 #include "server/wire/decode.h"
 #include "sound_db/pack/write.h"
 #include "tests/fuzz/target.h"
@@ -73,7 +74,7 @@ class FuzzedSession {
   wire::Decoder& decoder() { return decoder_; }
 
  private:
-  /// One small pack, called as the default one is; it is read once.
+  /// One small pack, called as the default one is; it is read, and made ready for a session, once.
   static std::shared_ptr<pack::PackLibrary> packs() {
     static const auto library = [] {
       static const pack::TemporaryFolder folder;
@@ -83,8 +84,11 @@ class FuzzedSession {
       require(pack::write(example, folder.path() / "pack").has_value());
       return std::make_shared<pack::PackLibrary>(std::vector<std::filesystem::path>{folder.path()});
     }();
-    static const auto held = library->load("printer-paper", "wooden-table", 48000);
-    require(held.has_value());
+    static const auto held = [] {
+      const auto pack = library->load("printer-paper", "wooden-table", 48000);
+      require(pack.has_value());
+      return synthesis::shared_material(*pack, 48000);
+    }();
     return library;
   }
 

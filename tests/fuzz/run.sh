@@ -22,7 +22,8 @@ done
 rustle_install_packages fuzz
 cmake --preset fuzz -DCMAKE_CXX_COMPILER_LAUNCHER=ccache --log-level=WARNING
 cmake --build --preset fuzz --target "${targets[@]/#/fuzz_}"
-export UBSAN_OPTIONS=print_stacktrace=1 LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp
+# Short stacks and a small quarantine: a report says less, of what is run again anyway, and a third more is run in the same time.
+export ASAN_OPTIONS=malloc_context_size=2:quarantine_size_mb=16 UBSAN_OPTIONS=print_stacktrace=1 LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp
 faults=0
 for target in "${targets[@]}"; do
   grown=build/fuzz/corpus/$target found=build/fuzz/found/$target log=build/fuzz/$target.log
