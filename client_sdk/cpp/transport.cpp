@@ -156,7 +156,9 @@ ServerInfo from_wire(const v1::Welcome& welcome) {
           .stream_endpoint = welcome.stream_endpoint(),
           .out_endpoint = welcome.out_endpoint(),
           .rate_hz = welcome.rate_hz(),
-          .block_size = welcome.block_size()};
+          .block_size = welcome.block_size(),
+          .sessions = welcome.sessions(),
+          .most_sessions = welcome.most_sessions()};
 }
 
 v1::ControlRequest hello() {

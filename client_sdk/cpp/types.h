@@ -206,6 +206,8 @@ struct ServerInfo {
   std::string stream_endpoint{}, out_endpoint{};
   std::uint32_t rate_hz = 0;
   std::uint32_t block_size = 0;
+  std::uint32_t sessions = 0;       ///< there, when it was asked
+  std::uint32_t most_sessions = 0;  ///< there may be; 0: it does not say
 };
 
 struct PackInfo {

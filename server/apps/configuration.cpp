@@ -1,5 +1,7 @@
 #include "server/apps/configuration.h"
 
+#include <fmt/format.h>
+
 #include <cstdlib>
 #include <vector>
 
@@ -26,6 +28,11 @@ std::string connectable(const std::string& endpoint) {
 std::string http_address(const std::string& address) {
   if (address == "off") return {};
   const auto parsed = monitor::parse_http_address(address, "network.http");
+  return parsed ? std::string() : parsed.error();
+}
+
+std::string sidecar(const std::string& address) {
+  const auto parsed = sidecar_address(address, nullptr);
   return parsed ? std::string() : parsed.error();
 }
 
@@ -99,6 +106,12 @@ Settings settings_of(Configuration& configuration) {
            "Folder of recordings, made where it is not there; \"\" for none: sessions cannot be recorded");
   all.truth("recordings.all", "--record-all", daemon.record_all, "Record every session, whether it asks or not");
 
+  all.section("fleet", "Of many daemons, looked after by Agones on Kubernetes");
+  all.text("fleet.sidecar", "--sidecar", configuration.sidecar,
+           "Address of the Agones sidecar, which is told that the daemon is ready, its health, how many sessions it has and "
+           "its end; \"auto\": at AGONES_SDK_HTTP_PORT, where Agones sets it; \"off\" for none",
+           sidecar);
+
   all.section("log", "What is told on standard error");
   all.choice("log.level", "--log-level", configuration.log_level, {"debug", "info", "warning", "error", "off"},
              "What is logged");
@@ -106,6 +119,20 @@ Settings settings_of(Configuration& configuration) {
   all.choice("log.format", "--log-format", configuration.log_format, {"text", "json"},
              "Lines for people, or one JSON object a line");
   return all;
+}
+
+tl::expected<std::optional<monitor::HttpAddress>, std::string> sidecar_address(const std::string& sidecar,
+                                                                               const char* agones_sdk_http_port) {
+  if (sidecar == "off") return std::nullopt;
+  const bool automatic = sidecar == "auto";
+  if (automatic && (agones_sdk_http_port == nullptr || *agones_sdk_http_port == '\0')) return std::nullopt;
+  const std::string text = automatic ? fmt::format("127.0.0.1:{}", agones_sdk_http_port) : sidecar;
+  const char* setting = automatic ? "AGONES_SDK_HTTP_PORT" : "fleet.sidecar";
+  const auto address = monitor::parse_http_address(text, setting);
+  if (!address || address->port == 0)
+    return tl::unexpected(fmt::format(
+        "{}: \"{}\" is no address of a sidecar on this machine; write 127.0.0.1:9358, \"auto\" or \"off\"", setting, text));
+  return *address;
 }
 
 std::optional<std::filesystem::path> default_configuration_file() {

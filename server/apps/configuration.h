@@ -6,6 +6,7 @@
 
 #include "server/apps/daemon.h"
 #include "server/apps/settings.h"
+#include "server/monitor/http_address.h"
 
 namespace rustle::apps {
 
@@ -19,6 +20,7 @@ struct Configuration {
   std::string device = "default";       ///< of playback: all or a part of a name, "default", or "none"
   std::string audio_api = "auto";
   double device_buffer_ms = 30;
+  std::string sidecar = "auto";                    ///< of a fleet: an address, "auto" or "off"
   std::string analysis_affinity, render_affinity;  ///< processors, such as "0-2,5"; empty: all
 };
 
@@ -27,6 +29,11 @@ Settings settings_of(Configuration& configuration);
 
 /// The daemon's options, playback among them.
 DaemonOptions daemon_options(const Configuration& configuration);
+
+/// Where the sidecar of a fleet is; absent: there is none. "auto": at AGONES_SDK_HTTP_PORT, where that is set.
+/// Error: a sentence that names the variable.
+[[nodiscard]] tl::expected<std::optional<monitor::HttpAddress>, std::string> sidecar_address(
+    const std::string& sidecar, const char* agones_sdk_http_port);
 
 /// The file that is read when none is named: RUSTLED_CONFIG (empty: none), $XDG_CONFIG_HOME/rustle/rustled.toml (~/.config
 /// without it), /etc/rustle/rustled.toml; the first that is there.

@@ -241,8 +241,13 @@ wire::ControlReply Daemon::answer_if_it_fits(const wire::ControlRequest& request
 
 wire::ControlReply Daemon::answer(const wire::ControlRequest& request, const std::string& user) {
   if (std::holds_alternative<wire::HelloRequest>(request.body)) {
-    return wire::Welcome{"rustled " RUSTLE_VERSION, sockets_->stream_endpoint(), sockets_->out_endpoint(), options_.rate_hz,
-                         options_.block_size};
+    return wire::Welcome{"rustled " RUSTLE_VERSION,
+                         advertised_.stream.value_or(sockets_->stream_endpoint()),
+                         advertised_.out.value_or(sockets_->out_endpoint()),
+                         options_.rate_hz,
+                         options_.block_size,
+                         static_cast<std::uint32_t>(guests_.size()),
+                         static_cast<std::uint32_t>(max_sessions_)};
   }
   if (const auto* body = std::get_if<wire::AttachRequest>(&request.body)) return attach(request, *body, user);
   if (std::holds_alternative<wire::ListPacksRequest>(request.body)) return pack_list();

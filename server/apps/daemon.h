@@ -81,6 +81,17 @@ class Daemon {
   /// Absent: there is no such session. [network thread]
   std::optional<monitor::SessionTraces> traces(const std::string& session_id) const;
 
+  /// Sessions that are there, and that there may be. [network thread]
+  std::size_t sessions() const { return guests_.size(); }
+  std::size_t most_sessions() const { return max_sessions_; }
+
+  /// Where clients are sent to, in place of the endpoints that are bound; absent: those.
+  struct Advertised {
+    std::optional<std::string> stream, out;
+  };
+  /// From now on whoever says hello is told these. [network thread]
+  void advertise(Advertised endpoints) { advertised_ = std::move(endpoints); }
+
   /// From now on so many sessions at a time; those there are stay. [network thread]
   void limit_sessions(std::size_t most) { max_sessions_ = most; }
 
@@ -263,6 +274,7 @@ class Daemon {
   std::unique_ptr<wire::Sockets> sockets_;
   std::map<std::string, std::unique_ptr<Guest>> guests_;
   Strangers strangers_;
+  Advertised advertised_;
   struct Spending {
     session::Allowance bytes, frames;
   };

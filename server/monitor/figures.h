@@ -2,8 +2,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "server/session/duration_histogram.h"
@@ -55,6 +57,14 @@ struct Totals {
   void add(const SessionFigures& session);
 };
 
+/// Of a daemon that is one of a fleet: what the sidecar beside it says, and how that was spoken to.
+struct FleetFigures {
+  bool reachable = false;  ///< the sidecar answers
+  std::string game_server, state, address;
+  std::map<std::string, std::uint16_t> ports;                          ///< of the node, by name
+  std::map<std::pair<std::string, std::string>, std::uint64_t> asked;  ///< by what, and "done", "refused" or "unreachable"
+};
+
 struct DaemonFigures {
   std::string version;
   double up_s = 0;
@@ -65,6 +75,7 @@ struct DaemonFigures {
   std::vector<SessionFigures> sessions;
   Totals departed;  ///< of sessions that are no longer there
   std::optional<sinks::PlaybackFigures> playback;
+  std::optional<FleetFigures> fleet;  ///< absent: it is in none
 
   /// Of all sessions that ever were.
   Totals totals() const;

@@ -14,20 +14,23 @@ namespace asio = boost::asio;
 namespace beast = boost::beast;
 namespace http = beast::http;
 
-constexpr std::uint64_t kLongestReply = std::uint64_t{64} << 20;
-
 }  // namespace
 
-tl::expected<HttpReply, std::string> http_get(const HttpAddress& address, std::string_view target,
+tl::expected<HttpReply, std::string> http_ask(const HttpAddress& address, const HttpQuestion& question,
                                               std::chrono::milliseconds timeout) {
   asio::io_context context(1);
   beast::tcp_stream stream(context);
   beast::flat_buffer buffer;
   http::response_parser<http::string_body> parser;
-  parser.body_limit(kLongestReply);
-  http::request<http::empty_body> request(http::verb::get, beast::string_view(target.data(), target.size()), 11);
+  parser.body_limit(question.longest_reply);
+  http::request<http::string_body> request(http::string_to_verb(question.verb), question.target, 11);
   request.set(http::field::host, address.text());
   request.keep_alive(false);
+  if (!question.json.empty()) {
+    request.set(http::field::content_type, "application/json");
+    request.body() = question.json;
+    request.prepare_payload();
+  }
   beast::error_code failed;
   const auto host = asio::ip::make_address(address.host, failed);
   if (!failed) {
@@ -43,10 +46,17 @@ tl::expected<HttpReply, std::string> http_get(const HttpAddress& address, std::s
     });
     context.run();
   }
-  if (failed)
-    return tl::unexpected(fmt::format("no daemon answers at {}: {}; start rustled, or name its --http address",
-                                      address.text(), failed.message()));
+  if (failed) return tl::unexpected(failed.message());
   return HttpReply{static_cast<int>(parser.get().result_int()), std::move(parser.get().body())};
+}
+
+tl::expected<HttpReply, std::string> http_get(const HttpAddress& address, std::string_view target,
+                                              std::chrono::milliseconds timeout) {
+  auto reply = http_ask(address, {.target = std::string(target)}, timeout);
+  if (!reply)
+    return tl::unexpected(fmt::format("no daemon answers at {}: {}; start rustled, or name its --http address",
+                                      address.text(), reply.error()));
+  return reply;
 }
 
 std::string in_query(std::string_view text) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -14,6 +15,18 @@ struct HttpReply {
   int status = 0;
   std::string body;
 };
+
+struct HttpQuestion {
+  std::string verb = "GET";
+  std::string target{};  ///< "/figures"
+  std::string json{};    ///< the body; empty: none
+  std::uint64_t longest_reply = std::uint64_t{64} << 20;
+};
+
+/// Asks whoever serves HTTP at `address`. Waits, `timeout` at most; any thread.
+/// Error: what went wrong, such as "Connection refused".
+[[nodiscard]] tl::expected<HttpReply, std::string> http_ask(const HttpAddress& address, const HttpQuestion& question,
+                                                            std::chrono::milliseconds timeout);
 
 /// Asks a daemon for a path such as "/figures". Waits; any thread.
 /// Error: a sentence that names the address and what to do.

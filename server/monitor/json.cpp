@@ -71,6 +71,14 @@ std::string figures_json(const DaemonFigures& daemon, const ProcessFigures& proc
   out["sessions_limit"] = daemon.sessions_most;
   out["sessions_total"] = all.sessions;
   out["totals"] = statistics_of(all.statistics, true);
+  if (daemon.fleet) {
+    const FleetFigures& fleet = *daemon.fleet;
+    Json& told = out["fleet"];
+    told = {{"sidecar_up", fleet.reachable}, {"game_server", fleet.game_server},
+            {"state", fleet.state},          {"address", fleet.address},
+            {"ports", fleet.ports},          {"requests", Json::object()}};
+    for (const auto& [what, times] : fleet.asked) told["requests"][what.first][what.second] = times;
+  }
   out["sessions"] = Json::array();
   for (const auto& session : daemon.sessions) {
     Json each;

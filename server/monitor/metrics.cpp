@@ -177,6 +177,14 @@ void add_playback(Families& out, const sinks::PlaybackFigures& played) {
               seconds(played.mix.samples_in_gaps));
 }
 
+void add_fleet(Families& out, const FleetFigures& fleet) {
+  out.gauge("rustle_fleet_sidecar_up", "1 while the sidecar answers", fleet.reachable ? 1 : 0);
+  out.begin("rustle_fleet_state", "1; the labels tell what the fleet makes of this daemon", MetricType::Gauge);
+  out.value(1.0, {{"game_server", fleet.game_server}, {"state", fleet.state}});
+  out.begin("rustle_fleet_requests_total", "What the sidecar was asked, by what came of it", MetricType::Counter);
+  for (const auto& [what, times] : fleet.asked) out.value(times, {{"request", what.first}, {"outcome", what.second}});
+}
+
 /// A figure of every session, by its id.
 template <typename Figure>
 void by_session(Families& out, const DaemonFigures& daemon, const char* name, const char* help, MetricType type,
@@ -233,6 +241,7 @@ std::string metrics_text(const DaemonFigures& daemon, const ProcessFigures& proc
   add_sound(out, all);
   add_stages(out, all.stages);
   if (daemon.playback) add_playback(out, *daemon.playback);
+  if (daemon.fleet) add_fleet(out, *daemon.fleet);
   add_each_session(out, daemon);
   return out.text();
 }

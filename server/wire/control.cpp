@@ -160,6 +160,8 @@ struct AddReply {
     out->set_out_endpoint(welcome.out_endpoint);
     out->set_rate_hz(welcome.rate_hz);
     out->set_block_size(welcome.block_size);
+    out->set_sessions(welcome.sessions);
+    out->set_most_sessions(welcome.most_sessions);
   }
   void operator()(const Attached& attached) const {
     v1::Attached* out = reply.mutable_attached();

@@ -77,6 +77,8 @@ struct Welcome {
   std::string out_endpoint;
   std::uint32_t rate_hz = 0;
   std::uint32_t block_size = 0;
+  std::uint32_t sessions = 0;       ///< there now
+  std::uint32_t most_sessions = 0;  ///< there may be
 };
 struct Attached {
   std::string session_id;

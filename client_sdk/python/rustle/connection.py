@@ -163,3 +163,11 @@ class Connection:
         request.detach.last_sequence = last_sequence
         request.detach.SetInParent()
         return messages.read_statistics(_expect(self._link.ask(request), "detached").statistics)
+
+    def tell_detach(self, session_id: str, discard: bool = False, last_sequence: int = 0) -> None:
+        """detach() without waiting for the answer."""
+        request = session_pb2.ControlRequest(session_id=session_id)
+        request.detach.discard = discard
+        request.detach.last_sequence = last_sequence
+        request.detach.SetInParent()
+        self._link.tell(request)

@@ -253,7 +253,8 @@ def read_error(error: session_pb2.Error) -> RustleError:
 
 
 def read_welcome(welcome: session_pb2.Welcome) -> ServerInfo:
-    return ServerInfo(welcome.server, welcome.stream_endpoint, welcome.out_endpoint, welcome.rate_hz, welcome.block_size)
+    return ServerInfo(welcome.server, welcome.stream_endpoint, welcome.out_endpoint, welcome.rate_hz, welcome.block_size,
+                      welcome.sessions, welcome.most_sessions)
 
 
 def read_pack(pack: session_pb2.PackInfo) -> PackInfo:

@@ -16,37 +16,24 @@ from google.protobuf.message import DecodeError
 
 from . import arrays, messages
 from .async_readers import AsyncObservationReader, AsyncPcmReader
-from .attachment import LIVE_QUEUE_MESSAGES, SIMULATION_QUEUE_MESSAGES, Reattached, Streams, open_streams, reattach
+from .attachment import Reattached, Streams, queue_messages, reattach, streams_in_time
 from .connection import Connection
-from .errors import Closed, InvalidArgument, Refused, RustleError, SessionLost, TimedOut, Unreachable
+from .errors import Closed, InvalidArgument, RustleError, SessionLost, TimedOut, Unreachable
+from .notices import log_notice
 from .observations import ObservationReader
 from .pcm import ListenOptions, PcmReader, with_choices
 from .standing import Standing
 from .transport import LINGER_MS, MESSAGE_BYTES, milliseconds_until, receive, send
-from .types import (Array, Clock, Contacts, Floats, Gain, Notice, NoticeLevel, Obstacle, PackInfo, Partition, Pose, RecordingInfo,
+from .types import (Array, Clock, Contacts, Floats, Gain, Notice, Obstacle, PackInfo, Partition, Pose, RecordingInfo,
                     SampleFormat, Sent, SessionOptions, SheetOptions, SoundKind, Statistics, TearTip, Vector3)
 from .v1 import audio_pb2, session_pb2, sheet_pb2
 
 _NOTICES_KEPT = 1024
 _PUT_OFF = 256  #: messages kept while a daemon is away; beyond them, what stands is told instead
 _DROPPABLE = ("frame", "tear_tips", "listener", "advance")  #: may be left out rather than waited for on the LIVE clock
-_LOG_LEVELS = {NoticeLevel.INFO: logging.INFO, NoticeLevel.WARNING: logging.WARNING, NoticeLevel.ERROR: logging.ERROR}
 _STEP_S = 0.005
 
 _log = logging.getLogger("rustle")
-
-
-def log_notice(notice: Notice) -> None:
-    """What becomes of notices unless attach() is told otherwise: the logger "rustle" gets them."""
-    _log.log(_LOG_LEVELS[notice.level], "%s", notice)
-
-
-def raise_notice(notice: Notice) -> None:
-    """For attach(on_notice=...): warnings and errors are raised as Refused, by the session's next call."""
-    if notice.level is NoticeLevel.INFO:
-        log_notice(notice)
-    else:
-        raise Refused(notice.code, notice.message, notice.remedy, notice.field)
 
 
 class _UnderWay(NamedTuple):
@@ -138,11 +125,12 @@ class Session:
             self._take(parts)
 
     @staticmethod
-    def attach(connection: Connection, options: SessionOptions = SessionOptions(), *, reconnect: bool | None = None,
-               on_notice: Callable[[Notice], None] = log_notice) -> Session:
+    def attach(connection: Connection, options: SessionOptions = SessionOptions(), *, session_id: str = "",
+               reconnect: bool | None = None, on_notice: Callable[[Notice], None] = log_notice) -> Session:
         """Returns when the daemon's subscription to this session has arrived and its credits and notices are heard: nothing is
         lost at the start.
 
+        session_id  1 to 128 characters without a slash; empty: chosen by the daemon, after the session's name
         reconnect   what becomes of the session when the daemon goes away (see above); None: as its clock has it
         on_notice   called with every notice, by the session's own calls and in their thread; what it raises, they raise
         Errors: the daemon's, TimedOut, InvalidArgument, Unreachable.
@@ -151,7 +139,7 @@ class Session:
         if not link.stream_endpoint or not link.out_endpoint:
             raise InvalidArgument("endpoints.stream", "The daemon takes no streams: it only subscribes to publishers.",
                                   "Start rustled with --stream, or give Endpoints.stream.")
-        request = session_pb2.ControlRequest()
+        request = session_pb2.ControlRequest(session_id=session_id)
         messages.write_attach(options, request.attach)
         attached = link.ask(request).attached
         breaks = link.connection().breaks
@@ -161,11 +149,9 @@ class Session:
                               "Bring the older of SDK and daemon up to date.")
         in_force = messages.read_options(attached.options, options)
         try:
-            streams = _run(open_streams(link, session_id, _queue(in_force.clock)), link.timeout_s,
-                           f"The daemon did not take the stream at {link.stream_endpoint} and {link.out_endpoint} in time.",
-                           "Check that both endpoints can be reached from here.")
+            streams = streams_in_time(link, session_id, queue_messages(in_force.clock))
         except BaseException:
-            _tell_detach(connection, session_id, discard=True, last_sequence=0)
+            connection.tell_detach(session_id, discard=True)
             raise
         wanted = in_force.clock is Clock.LIVE if reconnect is None else reconnect
         session = Session(connection, session_id, options, in_force, streams, breaks, wanted, on_notice)
@@ -194,7 +180,7 @@ class Session:
         if getattr(self, "_detached", True):
             return
         with contextlib.suppress(Exception):
-            _tell_detach(self._connection, self._id, discard=False, last_sequence=self._last_sequence)
+            self._connection.tell_detach(self._id, last_sequence=self._last_sequence)
             self._close()
 
     # ---- what is known of it
@@ -519,7 +505,7 @@ class Session:
                 self._lost = None
                 self._recovering_since = time.monotonic()
                 self._recovery = reattach(self._link, self._id, self._attach_again(), self._gains,
-                                          _queue(self._options.clock), idle, self._is_heard)
+                                          queue_messages(self._options.clock), idle, self._is_heard)
             if self._recovery is not None:
                 self._recover()
             self._send_pending()
@@ -570,6 +556,8 @@ class Session:
         self._link.sockets.close(self._stream, 0)
         self._link.sockets.close(self._answers, 0)
         self._stream, self._answers = again.streams.stream, again.streams.answers
+        if again.moved:
+            self._breaks = 0  # of a connection that is new
         unacknowledged = [item.message for item in self._under_way]
         self._under_way.clear()
         self._bytes_under_way = 0
@@ -582,7 +570,7 @@ class Session:
         for parts in again.streams.early:
             self._take(parts)
         away_s = time.monotonic() - self._recovering_since
-        _log.warning("session %s: attached again; the daemon was away for %.1f s", self._id, away_s)
+        _log.warning("session %s: attached again at %s; the daemon was away for %.1f s", self._id, self._link.endpoints.control, away_s)
 
     def _note(self, sheet: sheet_pb2.Sheet) -> None:
         said = sheet.SerializeToString(deterministic=True)
@@ -685,28 +673,3 @@ class Session:
                             f"{self._acknowledged}.", "See in rustled's log what it is busy with, or allow more time.")
         return TimedOut("timeout", f"The queue to the daemon at {self._link.stream_endpoint} stayed full for {waited_s:g} s.",
                         "See in rustled's log what it is busy with, or allow more time.")
-
-
-def _queue(clock: Clock) -> int:
-    return SIMULATION_QUEUE_MESSAGES if clock is Clock.SIMULATION else LIVE_QUEUE_MESSAGES
-
-
-def _run(steps: Generator[None, None, Streams], timeout_s: float, late: str, remedy: str) -> Streams:
-    deadline = time.monotonic() + timeout_s
-    with contextlib.closing(steps):
-        while time.monotonic() < deadline:
-            try:
-                next(steps)
-            except StopIteration as done:
-                streams: Streams = done.value
-                return streams
-            time.sleep(_STEP_S)
-    raise TimedOut("timeout", late, remedy)
-
-
-def _tell_detach(connection: Connection, session_id: str, discard: bool, last_sequence: int) -> None:
-    request: Any = session_pb2.ControlRequest(session_id=session_id)
-    request.detach.discard = discard
-    request.detach.last_sequence = last_sequence
-    request.detach.SetInParent()
-    connection.link.tell(request)

@@ -6,6 +6,7 @@ import itertools
 import os
 import threading
 import time
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import zmq
@@ -214,6 +215,8 @@ class Link:
         self.timeout_s = timeout_s
         self.sockets = Sockets(keys)
         self.closed = False
+        #: Where to go when the daemon has gone, of any but these control endpoints; may wait. None: it is waited for where it was.
+        self.elsewhere: Callable[[Collection[str]], Endpoints] | None = None
         self._monitor = ConnectionMonitor()
         self._lock = threading.RLock()
         self._control = self.sockets.open(zmq.DEALER, endpoints.control, 256, 256, self._monitor)
@@ -231,6 +234,20 @@ class Link:
 
     def connection(self) -> ConnectionState:
         return self._monitor.look()
+
+    def move(self, endpoints: Endpoints) -> bool:
+        """To another daemon; the connection's breaks are counted anew. At once: False while somebody asks the one before."""
+        if not self._lock.acquire(blocking=False):
+            return False
+        try:
+            monitor = ConnectionMonitor()
+            control = self.sockets.open(zmq.DEALER, endpoints.control, 256, 256, monitor)
+            self._monitor.close()
+            self.sockets.close(self._control, 0)
+            self._control, self._monitor, self.endpoints = control, monitor, endpoints
+            return True
+        finally:
+            self._lock.release()
 
     def check(self) -> None:
         """At once. Error: Unreachable: the daemon was there, and has been gone longer than a connection takes to come back."""

@@ -215,6 +215,8 @@ class ServerInfo:
     out_endpoint: str
     rate_hz: int
     block_size: int
+    sessions: int = 0  #: there, when it was asked
+    most_sessions: int = 0  #: there may be; 0: it does not say
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,6 +15,7 @@
 #include "server/apps/daemon.h"
 #include "server/apps/log.h"
 #include "server/apps/wording.h"
+#include "server/fleet/sidecar.h"
 #include "server/monitor/health.h"
 #include "server/monitor/monitor.h"
 #include "server/monitor/service_manager.h"
@@ -73,6 +74,20 @@ struct Said {
 bool accept(const std::vector<rustle::apps::SettingError>& errors) {
   for (const auto& error : errors) fmt::print(stderr, "rustled: {}\n", error.text());
   return errors.empty();
+}
+
+/// Has clients sent to the node's ports, where the fleet gives the daemon some.
+void advertise(const rustle::fleet::GameServer& server, rustle::apps::Daemon& daemon) {
+  using rustle::fleet::advertised;
+  const auto& sockets = daemon.sockets();
+  const auto control = advertised(sockets.control_endpoint(), server, "control");
+  rustle::apps::Daemon::Advertised told{advertised(sockets.stream_endpoint(), server, "stream"),
+                                        advertised(sockets.out_endpoint(), server, "out")};
+  if (!control && !told.stream && !told.out) return;
+  spdlog::info("fleet: reached at {}: control {}, stream {}, out {}", server.address,
+               control.value_or(sockets.control_endpoint()), told.stream.value_or(sockets.stream_endpoint()),
+               told.out.value_or(sockets.out_endpoint()));
+  daemon.advertise(std::move(told));
 }
 
 /// Reads configuration and keys again; what may change while sessions sound does, the rest is named.
@@ -150,8 +165,26 @@ int serve(Configuration configuration, const Said& said) {
     monitor = std::move(*opened);
     spdlog::info("http {}: /metrics, /healthz, /figures, /trace", monitor->address().text());
   }
-  const monitor::Monitor::Source source{[&] { return (*daemon)->figures(); },
-                                        [&](const std::string& session) { return (*daemon)->traces(session); }};
+  const auto sidecar_at = apps::sidecar_address(configuration.sidecar, std::getenv("AGONES_SDK_HTTP_PORT"));
+  if (!sidecar_at) {
+    fmt::print(stderr, "rustled: {}\n", sidecar_at.error());
+    return apps::kFailed;
+  }
+  std::optional<fleet::Sidecar> sidecar;
+  if (*sidecar_at) {
+    sidecar.emplace(**sidecar_at);
+    spdlog::info("fleet: the sidecar at {} is told of this daemon", (*sidecar_at)->text());
+  }
+  const auto figures = [&] {
+    auto told = (*daemon)->figures();
+    if (sidecar) told.fleet = sidecar->figures();
+    return told;
+  };
+  const auto well = [&] {
+    const auto told = (*daemon)->figures();
+    return monitor::problems_of(&told).empty();
+  };
+  const monitor::Monitor::Source source{figures, [&](const std::string& session) { return (*daemon)->traces(session); }};
   g_serving.store(true);
   auto manager = monitor::ServiceManager::from_environment();
   manager.serves(fmt::format("serves {}", sockets.control_endpoint()));
@@ -159,11 +192,13 @@ int serve(Configuration configuration, const Said& said) {
     if (monitor) monitor->answer(source);
     if (g_reload.exchange(false)) reload(said, configuration, **daemon);
     if (g_stop.load()) manager.ends();
-    manager.beat(monitor::ServiceManager::Clock::now(), [&] {
-      const auto figures = (*daemon)->figures();
-      return monitor::problems_of(&figures).empty();
-    });
+    manager.beat(monitor::ServiceManager::Clock::now(), well);
+    if (!sidecar) return;
+    sidecar->tell((*daemon)->sessions(), (*daemon)->most_sessions(), g_stop.load());
+    sidecar->beat(fleet::Clock::now(), well);
+    if (const auto news = sidecar->news()) advertise(*news, **daemon);
   });
+  if (sidecar) sidecar->end();
   spdlog::info("ended");
   return apps::kDone;
 }
