@@ -139,7 +139,8 @@ class Life(FleetTest):
     def test_counter_is_true_again_when_a_sidecar_comes_back(self):
         sidecar = Sidecar()
         with self.daemon(sidecar, log=self.folder / "log") as ends, contextlib.closing(sidecar):
-            time.sleep(1)
+            self.waits(lambda: "no sidecar" in (self.folder / "log").read_text(), 10, "it does not look for its sidecar")
+            time.sleep(0.5)
             sidecar.come()
             self.waits(lambda: sidecar.state == "Ready", 8, "a sidecar that starts after the daemon is not found")
             sidecar.vanish()
@@ -471,6 +472,7 @@ class Places(FleetTest):
                         session.drain()
                         next(ends for ends in daemons if ends["control"] == session._link.endpoints.control)["process"].kill()
                 session.end()
+                session.drain()
                 sound = reader.read_all(20)
             self.assertEqual(session.reattached, 1)
             self.assertGreater(np.abs(sound.samples[-48000:]).max(), 0.001)

@@ -198,6 +198,12 @@ class ConnectionMonitor:
                     self._state = ConnectionState(self._state.breaks + (not connected), connected, time.monotonic())
             return self._state
 
+    def leave(self) -> None:
+        """The socket goes to another endpoint: a connection to the one before counts no more."""
+        self.look()
+        with self._lock:
+            self._state = ConnectionState(self._state.breaks, False, time.monotonic())
+
     def close(self) -> None:
         with self._lock:
             if self._watched is not None and not self._watched.closed:
@@ -381,7 +387,8 @@ class Subscription:
                 continue
             if gone_is_error:
                 self._link.check()
-            self._follow()
+            with self._lock:
+                self._follow()
             if time.monotonic() >= deadline:
                 return None
             with self._lock:
@@ -399,24 +406,25 @@ class Subscription:
             return bool(self._early or self._socket.closed or self._socket.poll(0))
 
     def _follow(self) -> None:
-        """To where a daemon that came back publishes."""
+        """To where a daemon that came back publishes, or another one that the link went to."""
         if self._link.out_endpoint not in ("", self._endpoint):
             self._socket.disconnect(self._endpoint)
+            self._monitor.leave()
             self._endpoint = self._link.out_endpoint
             self._socket.connect(self._endpoint)
 
     def is_heard(self) -> bool:
         """Whether what the daemon publishes reaches it, or never will. Any thread."""
-        connected = self._monitor.look().connected
         # ZeroMQ subscribes again, at a daemon that came back, only when the socket is used.
         if self._lock.acquire(blocking=False):
             try:
                 if self._socket.closed:
                     return True
+                self._follow()
                 self._socket.getsockopt(zmq.EVENTS)
             finally:
                 self._lock.release()
-        return connected
+        return self._monitor.look().connected
 
     def close(self) -> None:
         with self._lock:
