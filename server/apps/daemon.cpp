@@ -247,7 +247,7 @@ wire::ControlReply Daemon::answer(const wire::ControlRequest& request, const std
                          options_.rate_hz,
                          options_.block_size,
                          static_cast<std::uint32_t>(guests_.size()),
-                         static_cast<std::uint32_t>(max_sessions_)};
+                         static_cast<std::uint32_t>(draining_ ? guests_.size() : max_sessions_)};
   }
   if (const auto* body = std::get_if<wire::AttachRequest>(&request.body)) return attach(request, *body, user);
   if (std::holds_alternative<wire::ListPacksRequest>(request.body)) return pack_list();

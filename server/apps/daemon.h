@@ -216,6 +216,8 @@ class Daemon {
   /// Sound up to this block's end has left, except what waits for a message to be full.
   static void note_left(Guest& sender, const session::AudioBlock& block);
   void drain(const std::function<void()>& between);
+  /// So that its client may go elsewhere at once.
+  void tell_of_end(const std::string& id, Guest& told);
   static wire::Error ending();
   wire::ServerStatistics server_statistics() const;
 

@@ -19,6 +19,18 @@ wire::Error Daemon::ending() {
           {}};
 }
 
+void Daemon::tell_of_end(const std::string& id, Guest& told) {
+  const wire::Notice notice{
+      .level = wire::NoticeLevel::kInfo,
+      .code = "ending",
+      .field = {},
+      .message = "The daemon is ending: what it was sent still sounds, what is sent from now on is lost.",
+      .remedy = "Attach to another daemon, or to this one when it has been started again.",
+      .sequence = 0,
+      .count = 1};
+  publish_notice(id, notice, ++told.out_sequence[wire::notices_topic(id)]);
+}
+
 void Daemon::drain(const std::function<void()>& between) {
   const auto busy = [](const auto& entry) { return !entry.second->finished || !entry.second->goodbyes.empty(); };
   draining_ = true;
@@ -26,6 +38,7 @@ void Daemon::drain(const std::function<void()>& between) {
   const auto sounding = static_cast<std::uint64_t>(std::count_if(guests_.begin(), guests_.end(), busy));
   if (sounding > 0) spdlog::info("ending: {} to finish", counted(sounding, "session"));
   for (auto& [id, guest] : guests_) {
+    if (!guest->finished) tell_of_end(id, *guest);
     guest->session->end();
     scheduler_->wake_analysis(guest->session);
   }

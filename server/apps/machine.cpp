@@ -13,14 +13,18 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
 #include <map>
 #include <optional>
 #include <thread>
+#include <utility>
 
 #include "server/apps/configuration.h"
 #include "server/apps/wording.h"
+#include "server/fleet/game_server.h"
 #include "server/monitor/http_address.h"
+#include "server/monitor/http_client.h"
 #include "server/sinks/audio_device.h"
 #include "server/spatial/hrtf_choice.h"
 #include "server/wire/endpoint.h"
@@ -233,12 +237,28 @@ MachineCheck check_descriptors(std::size_t sessions) {
               : "raise nofile in /etc/security/limits.d, or LimitNOFILE in the systemd unit; or lower --max-sessions"};
 }
 
+std::optional<MachineCheck> check_fleet() {
+  const auto address = sidecar_address(configured().sidecar, std::getenv("AGONES_SDK_HTTP_PORT"));
+  if (!address)
+    return MachineCheck{"fleet", Grade::kMissing, address.error(), "correct it, or leave the fleet with --sidecar off"};
+  if (!*address) return std::nullopt;
+  const auto reply = monitor::http_ask(**address, {.target = "/gameserver"}, std::chrono::seconds(1));
+  const auto server = reply && reply->status == 200 ? fleet::parse_game_server(reply->body) : std::nullopt;
+  if (server) return MachineCheck{"fleet", Grade::kGranted, fmt::format("{} is {}", server->name, server->state), ""};
+  return MachineCheck{
+      "fleet", Grade::kLimited,
+      fmt::format("no sidecar at {}: {}", (*address)->text(), reply ? "it tells of no game server" : reply.error()),
+      "rustled waits for it; see in the pod why Agones' container has not started, or say --sidecar off"};
+}
+
 std::vector<MachineCheck> check_machine() {
-  return {check_configuration(), check_packs(),
-          check_ports(),         check_audio(),
-          check_heads(),         check_processor(),
-          check_scheduling(),    check_realtime_priority(),
-          check_memory_lock(),   check_descriptors(configured().daemon.max_sessions)};
+  std::vector<MachineCheck> checks{check_configuration(), check_packs(),
+                                   check_ports(),         check_audio(),
+                                   check_heads(),         check_processor(),
+                                   check_scheduling(),    check_realtime_priority(),
+                                   check_memory_lock(),   check_descriptors(configured().daemon.max_sessions)};
+  if (auto fleet = check_fleet()) checks.push_back(std::move(*fleet));
+  return checks;
 }
 
 }  // namespace rustle::apps

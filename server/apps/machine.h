@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,9 @@ MachineCheck check_realtime_priority();
 MachineCheck check_memory_lock();
 /// Enough for `sessions` at a time.
 MachineCheck check_descriptors(std::size_t sessions);
+
+/// Whether the sidecar of a fleet answers, within a second; absent: there is none.
+std::optional<MachineCheck> check_fleet();
 
 /// All of them, in the order in which they are told.
 std::vector<MachineCheck> check_machine();

@@ -80,7 +80,7 @@ class Player:
 
     @property
     def place(self):
-        return self.session._link.endpoints.control
+        return self.session.control_endpoint
 
     def step(self):
         self.session.frame(1, 1, self.frames / FPS, SHAPES[self.frames % FPS])

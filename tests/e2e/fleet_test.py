@@ -116,6 +116,19 @@ class Life(FleetTest):
             with daemon(self.folder, "--device", "none"):
                 self.waits(lambda: sidecar.state == "Ready", 5, "it is never ready")
 
+    def test_doctor_looks_for_the_sidecar(self):
+        def told(**environment):
+            done = subprocess.run([BIN / "rustle", "doctor", "--json"], capture_output=True, text=True, timeout=60,
+                                  env={**os.environ, "RUSTLED_CONFIG": "", **environment})
+            return {check["name"]: check for check in json.loads(done.stdout)["checks"]}.get("fleet")
+        self.assertIsNone(told())
+        with Sidecar() as sidecar:
+            found = told(AGONES_SDK_HTTP_PORT=str(sidecar.port))
+        self.assertEqual((found["grade"], found["found"]), ("granted", "rustle-x7 is Scheduled"))
+        gone = told(AGONES_SDK_HTTP_PORT=str(sidecar.port))
+        self.assertEqual(gone["grade"], "limited")
+        self.assertIn(str(sidecar.port), gone["found"])
+
     def test_counter_follows_sessions_however_they_leave(self):
         with Sidecar() as sidecar, self.daemon(sidecar) as ends:
             with rustle.Connection.connect(ends["control"]) as connection:
@@ -433,7 +446,7 @@ class Places(FleetTest):
             player = Player(session, fps=30)
             player.session.set_gains([rustle.Gain(-6)])
             player.play(1)
-            here = next(ends for ends in daemons if ends["control"] == session._link.endpoints.control)
+            here = next(ends for ends in daemons if ends["control"] == session.control_endpoint)
             there = next(ends for ends in daemons if ends is not here)
             how(here["process"])
             gone = time.monotonic()
@@ -459,7 +472,36 @@ class Places(FleetTest):
         self.goes_on_elsewhere(lambda process: process.send_signal(signal.SIGSTOP), 3)
 
     def test_a_session_goes_on_elsewhere_when_its_daemon_is_drained(self):
-        self.goes_on_elsewhere(lambda process: process.terminate(), 3)
+        self.goes_on_elsewhere(lambda process: process.terminate(), 1.5)
+
+    def test_a_drained_daemons_end_is_not_the_sounds(self):
+        with self.daemons(8, 8) as daemons:
+            session = rustle.fleet.attach(rustle.fleet.Daemons([ends["control"] for ends in daemons]), options())
+            heard, moved = [], threading.Event()
+
+            def listen():
+                for block in reader:
+                    heard.append(block)
+                    if block.restarted:
+                        moved.set()
+            with session.listen() as reader:
+                listener = threading.Thread(target=listen)
+                listener.start()
+                session.add_topology(1, TRIANGLES, material_coordinates=MATERIAL)
+                for k in range(300):
+                    if k == 60:
+                        next(ends for ends in daemons if ends["control"] == session.control_endpoint)["process"].terminate()
+                    session.frame(1, 1, k / 60, at(k / 60))
+                    time.sleep(1 / 60)
+                    if moved.is_set() and k > 120:
+                        break
+                self.assertTrue(moved.is_set())
+                self.assertTrue(listener.is_alive())
+                session.end()
+                listener.join(10)
+                self.assertFalse(listener.is_alive(), "the sound does not end with the session")
+            self.assertEqual(sum(block.restarted for block in heard), 1)
+            session.detach()
 
     def test_a_simulation_goes_on_elsewhere(self):
         with self.daemons(8, 8) as daemons:
@@ -470,7 +512,7 @@ class Places(FleetTest):
                     session.frame(1, 1, k / 60, at(k / 60))
                     if k == 60:
                         session.drain()
-                        next(ends for ends in daemons if ends["control"] == session._link.endpoints.control)["process"].kill()
+                        next(ends for ends in daemons if ends["control"] == session.control_endpoint)["process"].kill()
                 session.end()
                 session.drain()
                 sound = reader.read_all(20)

@@ -101,10 +101,11 @@ class _NoAnswer(Exception):
 
 
 def reattach(link: Link, session_id: str, attach: session_pb2.Attach, gains: Iterable[Gain], queue_messages: int,
-             ended: bool, is_heard: Callable[[], bool]) -> Generator[None, None, Reattached | None]:
+             ended: bool, leave: bool, is_heard: Callable[[], bool]) -> Generator[None, None, Reattached | None]:
     """Waits for a daemon, and attaches the session there under its old id unless the daemon still has it.
 
     ended      the daemon said that it ended the session; it may yet take a moment to forget it
+    leave      the daemon ends: the session goes elsewhere at once
     is_heard   whether the session's readers have come back too; they are waited for, a little
     A link that knows elsewhere gives the old daemon a moment to be there again, and then goes from one to another.
     Returns None where the session was there all the time. Error: what the daemon refuses for good, such as a material it does
@@ -113,6 +114,10 @@ def reattach(link: Link, session_id: str, attach: session_pb2.Attach, gains: Ite
     attached: session_pb2.Attached | None = None
     moved = False
     avoided: dict[str, float] = {}
+    if leave:
+        avoided[link.endpoints.control] = time.monotonic() + _AVOIDED_S
+        yield from _move(link, avoided.keys())
+        moved = True
     while True:
         with contextlib.ExitStack() as open_sockets:
             control = link.sockets.open(zmq.DEALER, link.endpoints.control, 16, 16)

@@ -188,7 +188,7 @@ def attach(places: Places, options: SessionOptions = SessionOptions(), *, keys: 
     place and attaches there under its own id, as Session's reconnect=True says; its readers follow.
 
     The session has a connection of its own, which ends with it. SIMULATION sessions have one gap at such a move, and are no longer the
-    same, bit for bit. Readers of rustle.PcmReader.next() go on; iterating one ends with the daemon that was drained.
+    same, bit for bit. Readers go on until the session's own end.
     timeout_s   for all attempts together; where all daemons are full, others may detach meanwhile
     Errors: those of `places`, and of Session.attach(); what one daemon refuses for want of room is asked of others.
     """

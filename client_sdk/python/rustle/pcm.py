@@ -237,6 +237,7 @@ class PcmReader:
         queue = options.queue_messages
         if queue is None:
             queue = 0 if simulation else LIVE_QUEUE_MESSAGES
+        self._link = connection.link
         self._simulation = simulation
         self._reconnect = reconnect
         self._next_sample: int | None = None
@@ -352,6 +353,8 @@ class PcmReader:
             return None
         back = self._follow(message.sequence)
         if message.HasField("end"):
+            if self._link.elsewhere is not None and not self._link.ended:
+                return None  # of a daemon that is drained; the session goes on at another
             return self._read_end(message.end.samples)
         pcm = message.pcm
         samples = _samples(pcm, self._tracks) if message.HasField("pcm") else None

@@ -105,6 +105,7 @@ class Session:
         self._pending: collections.deque[session_pb2.StreamMessage] = collections.deque()
         self._tell_all = False  # more was put off than _pending keeps
         self._gains: list[Gain] = []
+        self._leaving = False  # the daemon ends, and the session goes elsewhere
         self._readers: weakref.WeakSet[PcmReader | ObservationReader | AsyncPcmReader | AsyncObservationReader] = weakref.WeakSet()
         self._failure: RustleError | None = None
         self._lost: SessionLost | None = None
@@ -228,6 +229,11 @@ class Session:
         return self._recovery is None and not self._pending and self._failure is None
 
     @property
+    def control_endpoint(self) -> str:
+        """Of its daemon; one of a fleet may go to another."""
+        return self._link.endpoints.control
+
+    @property
     def reattached(self) -> int:
         """How often it attached again, to a daemon that came back without it."""
         return self._reattached
@@ -321,6 +327,7 @@ class Session:
         message = session_pb2.StreamMessage()
         message.end.time_s = 0.0 if time_s is None else arrays.number(time_s, "end.time_s")
         message.end.SetInParent()
+        self._link.ended = True
         return self._send(message)
 
     def raw(self, stream_message: bytes, *, keep_sequence: bool = False, wait: bool = True) -> Sent:
@@ -425,6 +432,7 @@ class Session:
 
     def detach(self, discard: bool = False) -> Statistics:
         """Ends the session at the daemon; returns its last figures. With `discard` what was not yet rendered is dropped."""
+        self._link.ended = True
         statistics = self._connection.detach(self._id, discard, self._last_sequence)
         self._close()
         return statistics
@@ -470,6 +478,8 @@ class Session:
                 notice = messages.read_notice(message.notice)
                 if notice.code in ("idle", "unknown_session"):
                     self._lost = SessionLost(notice.code, notice.message, notice.remedy, notice.field)
+                if notice.code == "ending" and self._link.elsewhere is not None:
+                    self._leaving = True
                 if notice.code == "storage":
                     self._recording_file_name = ""
                 self._notices.append(notice)
@@ -500,12 +510,13 @@ class Session:
         state = self._link.connection()
         if self._reconnect and not self._standing.ended:
             idle = self._lost is not None and self._lost.code_name == "idle"
-            if self._recovery is None and (state.breaks != self._breaks or idle):
+            if self._recovery is None and (state.breaks != self._breaks or idle or self._leaving):
                 self._breaks = state.breaks
                 self._lost = None
                 self._recovering_since = time.monotonic()
                 self._recovery = reattach(self._link, self._id, self._attach_again(), self._gains,
-                                          queue_messages(self._options.clock), idle, self._is_heard)
+                                          queue_messages(self._options.clock), idle, self._leaving, self._is_heard)
+                self._leaving = False
             if self._recovery is not None:
                 self._recover()
             self._send_pending()

@@ -223,6 +223,7 @@ class Link:
         self.closed = False
         #: Where to go when the daemon has gone, of any but these control endpoints; may wait. None: it is waited for where it was.
         self.elsewhere: Callable[[Collection[str]], Endpoints] | None = None
+        self.ended = False  #: where it knows elsewhere: its session has sent its end
         self._monitor = ConnectionMonitor()
         self._lock = threading.RLock()
         self._control = self.sockets.open(zmq.DEALER, endpoints.control, 256, 256, self._monitor)

@@ -119,6 +119,16 @@ void check_alive(const HttpServer& server) {
   CHECK(reply->body == "hello you");
 }
 
+TEST_CASE("What was asked is answered by its status, and what answers too much or not at all is an error") {
+  const auto server = serve();
+  const auto posted = http_ask(server->address(), {.verb = "POST", .target = "/hello", .json = "{}"}, milliseconds(10'000));
+  REQUIRE(posted);
+  CHECK(posted->status == 405);
+  CHECK(http_ask(server->address(), {.target = "/hello"}, milliseconds(10'000))->body == "hello you");
+  CHECK_FALSE(http_ask(server->address(), {.target = "/hello", .longest_reply = 3}, milliseconds(10'000)));
+  CHECK_FALSE(http_ask({"127.0.0.1", 1}, {.target = "/hello"}, milliseconds(10'000)));
+}
+
 TEST_CASE("A path is answered, its query decoded; HEAD gets the same header and no body") {
   const auto server = serve();
   Client client(*server);
