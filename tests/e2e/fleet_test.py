@@ -5,7 +5,7 @@ import copy
 import json
 import logging
 import os
-import pathlib
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,6 +21,7 @@ import yaml
 
 from agones import Allocator, Sidecar, free_ports
 from support import BIN, BUILD, SOURCE, RustleTest, bent, curvature_of, daemon, grid, main, wait_until
+from support import rustle as run_rustle
 
 sys.path.insert(0, str(BUILD / "python"))
 import rustle
@@ -380,13 +381,13 @@ class Manifests(unittest.TestCase):
 
 class Places(FleetTest):
     @contextlib.contextmanager
-    def daemons(self, *capacities):
+    def daemons(self, *capacities, more=()):
         with contextlib.ExitStack() as stack:
             all_ends = []
             for k, capacity in enumerate(capacities):
                 folder = self.folder / f"daemon{k}"
                 folder.mkdir()
-                all_ends.append(stack.enter_context(daemon(folder, "--device", "none", "--max-sessions", capacity)))
+                all_ends.append(stack.enter_context(daemon(folder, "--device", "none", "--max-sessions", capacity, *more)))
             yield all_ends
 
     def test_sessions_spread_and_fill_every_place(self):
@@ -439,10 +440,10 @@ class Places(FleetTest):
             with self.assertRaises(rustle.Unreachable):  # it does not know yet that this one has gone
                 places.place(["tcp://10.0.0.1:7390"])
 
-    def goes_on_elsewhere(self, how, within_s):
-        with self.daemons(8, 8) as daemons:
-            places = rustle.fleet.Daemons([ends["control"] for ends in daemons])
-            session = rustle.fleet.attach(places, options())
+    def goes_on_elsewhere(self, how, within_s, keys=None, *more):
+        with self.daemons(8, 8, more=more) as daemons:
+            places = rustle.fleet.Daemons([ends["control"] for ends in daemons], keys=keys)
+            session = rustle.fleet.attach(places, options(), keys=keys)
             player = Player(session, fps=30)
             player.session.set_gains([rustle.Gain(-6)])
             player.play(1)
@@ -457,7 +458,7 @@ class Places(FleetTest):
             self.assertEqual(len(moved), 1)
             loud_there = min(time for time in again if time >= moved[0])
             self.assertLess(loud_there - gone, within_s)
-            with rustle.Connection.connect(there["control"]) as connection:
+            with rustle.Connection.connect(there["control"], keys=keys) as connection:
                 self.assertEqual([each.session_id for each in connection.list_sessions()], [session.id])
                 self.assertEqual(connection.set_gains(session.id, []), [rustle.Gain(-6)])
             self.assertEqual(session.statistics().session_id, session.id)
@@ -467,6 +468,14 @@ class Places(FleetTest):
 
     def test_a_session_goes_on_elsewhere_when_its_daemon_is_killed(self):
         self.goes_on_elsewhere(lambda process: process.kill(), 2)
+
+    def test_keys_go_along(self):
+        theirs, ours = self.folder / "server-keys", self.folder / "my-keys"
+        run_rustle("keys", "new", "server", "--folder", theirs)
+        run_rustle("keys", "new", "flag", "--folder", ours)
+        run_rustle("keys", "allow", ours / "flag.key", "--publish", "--folder", theirs)
+        shutil.copy(theirs / "server.key", ours)
+        self.goes_on_elsewhere(lambda process: process.kill(), 2, rustle.Keys.read(ours), "--keys", theirs)
 
     def test_a_session_goes_on_elsewhere_when_its_daemon_hangs(self):
         self.goes_on_elsewhere(lambda process: process.send_signal(signal.SIGSTOP), 3)
