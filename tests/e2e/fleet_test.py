@@ -382,13 +382,15 @@ class Manifests(unittest.TestCase):
 
 class Places(FleetTest):
     @contextlib.contextmanager
-    def daemons(self, *capacities, more=()):
+    def daemons(self, *capacities, keys=None, more=()):
         with contextlib.ExitStack() as stack:
             all_ends = []
             for k, capacity in enumerate(capacities):
                 folder = self.folder / f"daemon{k}"
                 folder.mkdir()
                 all_ends.append(stack.enter_context(daemon(folder, "--device", "none", "--max-sessions", capacity, *more)))
+            for ends in all_ends:  # they read their packs first
+                rustle.Connection.connect(ends["control"], 60, keys=keys).close()
             yield all_ends
 
     def test_sessions_spread_and_fill_every_place(self):
@@ -442,7 +444,7 @@ class Places(FleetTest):
                 places.place(["tcp://10.0.0.1:7390"])
 
     def goes_on_elsewhere(self, how, within_s, keys=None, *more):
-        with self.daemons(8, 8, more=more) as daemons:
+        with self.daemons(8, 8, keys=keys, more=more) as daemons:
             places = rustle.fleet.Daemons([ends["control"] for ends in daemons], keys=keys)
             session = rustle.fleet.attach(places, options(), keys=keys)
             player = Player(session, fps=30)
@@ -482,7 +484,7 @@ class Places(FleetTest):
         self.goes_on_elsewhere(lambda process: process.send_signal(signal.SIGSTOP), 3)
 
     def test_a_session_goes_on_elsewhere_when_its_daemon_is_drained(self):
-        self.goes_on_elsewhere(lambda process: process.terminate(), 1.5)
+        self.goes_on_elsewhere(lambda process: process.terminate(), 2)
 
     def test_a_drained_daemons_end_is_not_the_sounds(self):
         with self.daemons(8, 8) as daemons:
