@@ -12,23 +12,20 @@
 namespace rustle::fleet {
 namespace {
 
-constexpr std::uint64_t kLongestReply = std::uint64_t{1} << 20;
-
 /// As the sidecar's swagger files have them; whole numbers are texts there.
 monitor::HttpQuestion question_of(Ask what, const DaemonState& state) {
   switch (what) {
     case Ask::kGameServer:
-      return {.target = "/gameserver", .longest_reply = kLongestReply};
+      return {.target = "/gameserver"};
     case Ask::kCounter: {
       // Never beyond the capacity, which it refuses: sessions stay when the daemon is told to take fewer.
       const std::size_t capacity = std::max(state.capacity, state.sessions);
       return {.verb = "PATCH",
               .target = "/v1beta1/counters/sessions",
-              .json = fmt::format(R"({{"count":"{}","capacity":"{}"}})", state.sessions, capacity),
-              .longest_reply = kLongestReply};
+              .json = fmt::format(R"({{"count":"{}","capacity":"{}"}})", state.sessions, capacity)};
     }
     default:
-      return {.verb = "POST", .target = fmt::format("/{}", name_of(what)), .json = "{}", .longest_reply = kLongestReply};
+      return {.verb = "POST", .target = fmt::format("/{}", name_of(what)), .json = "{}"};
   }
 }
 

@@ -14,6 +14,8 @@ namespace asio = boost::asio;
 namespace beast = boost::beast;
 namespace http = beast::http;
 
+constexpr std::uint64_t kLongestReply = std::uint64_t{64} << 20;
+
 }  // namespace
 
 tl::expected<HttpReply, std::string> http_ask(const HttpAddress& address, const HttpQuestion& question,
@@ -22,7 +24,7 @@ tl::expected<HttpReply, std::string> http_ask(const HttpAddress& address, const 
   beast::tcp_stream stream(context);
   beast::flat_buffer buffer;
   http::response_parser<http::string_body> parser;
-  parser.body_limit(question.longest_reply);
+  parser.body_limit(kLongestReply);
   http::request<http::string_body> request(http::string_to_verb(question.verb), question.target, 11);
   request.set(http::field::host, address.text());
   request.keep_alive(false);

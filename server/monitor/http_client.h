@@ -1,7 +1,6 @@
 #pragma once
 
 #include <chrono>
-#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -20,7 +19,6 @@ struct HttpQuestion {
   std::string verb = "GET";
   std::string target{};  ///< "/figures"
   std::string json{};    ///< the body; empty: none
-  std::uint64_t longest_reply = std::uint64_t{64} << 20;
 };
 
 /// Asks whoever serves HTTP at `address`. Waits, `timeout` at most; any thread.
