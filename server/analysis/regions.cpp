@@ -542,6 +542,10 @@ Vec3f ruling_in_space(const RegionStencils& s, const RegionMap& map, std::span<c
   return length > 0 ? Vec3f(out / length) : Vec3f::UnitX();
 }
 
+bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology) {
+  return partition.triangle_regions.size() == topology.triangle_count() && topology.triangle_count() > 0;
+}
+
 void segment(const RegionStencils& s, const RegionFrame& frame, double time_s, const Parameters& parameters,
              RegionState* state, RegionScratch& scratch, RegionMap& map) {
   const std::span<const Vec4f> x = frame.positions_m;

@@ -137,8 +137,11 @@ struct RegionScratch {
 void segment(const RegionStencils& stencils, const RegionFrame& frame, double time_s, const Parameters& parameters,
              RegionState* state, RegionScratch& scratch, RegionMap& out);
 
+/// Whether a frame's partition says something of every triangle.
+[[nodiscard]] bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology);
+
 /// The simulator's own partition, completed by our rulings and border curvature. Triangles in no region get one of their own
-/// kind: connected, flat. \pre partition.triangle_regions has an entry per triangle
+/// kind: connected, flat. \pre usable(partition, *stencils.topology)
 void adopt_partition(const sheet::SentPartition& partition, const RegionStencils& stencils, const RegionFrame& frame,
                      const Parameters& parameters, RegionScratch& scratch, RegionMap& out);
 

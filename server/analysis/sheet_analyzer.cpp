@@ -115,10 +115,6 @@ std::size_t join_to_greatest(std::vector<observation::CrumplingEvent>& events, s
   return joined;
 }
 
-bool usable(const sheet::SentPartition& partition, const sheet::Topology& topology) {
-  return partition.triangle_regions.size() == topology.triangle_count() && topology.triangle_count() > 0;
-}
-
 std::uint32_t nearest_triangle(const RegionStencils& stencils, std::span<const Vec4f> positions_m, const Vec3d& point_m) {
   std::uint32_t best = sheet::kNone;
   float best_distance = std::numeric_limits<float>::infinity();

@@ -109,6 +109,7 @@ Ingest::Taken Ingest::take(const SheetDescription& description, CueBatch& batch)
   }
   state->description = std::move(settled);
   state->partners.clear();
+  ++changes_;
   setup->index = state->index;
   planner_.add_sheet(*setup, earliest_, batch.cues);
   return std::nullopt;
@@ -245,6 +246,7 @@ Ingest::Taken Ingest::take(const PackChange& change, CueBatch& batch) {
   setup->index = found->second->index;
   found->second->description = std::move(settled);
   found->second->partners.clear();
+  ++changes_;
   planner_.add_sheet(*setup, earliest_, batch.cues);
   return std::nullopt;
 }
@@ -279,6 +281,8 @@ Ingest::Taken Ingest::take(const scene::SceneUpdate& update, CueBatch& batch) {
     return tl::unexpected(Refusal{Refusal::Cause::kScene, "scene", applied.error(), {}});
   }
   planes_known_ = false;
+  ++scene_changes_;
+  ++changes_;
   plan_planes(update.time_s, batch);
   return std::nullopt;
 }
@@ -295,6 +299,17 @@ void Ingest::plan_planes(double time_s, CueBatch& batch) {
 
 Ingest::Taken Ingest::take(const scene::Listener& listener, CueBatch& batch) {
   listener_ = listener;
+  listener_told_ = true;
+  plan_listener(listener, listener.time_s, batch);
+  return std::nullopt;
+}
+
+Ingest::Taken Ingest::take(const ListenerMove& move, CueBatch& batch) {
+  scene::Listener listener = listener_.value_or(scene::Listener{});
+  if (!listener_told_) listener.forward.reset();
+  listener.position_m = move.position_m;
+  listener.time_s = std::isfinite(newest_s_) ? newest_s_ : mapping_.first_time_s;
+  listener_ = listener;
   plan_listener(listener, listener.time_s, batch);
   return std::nullopt;
 }
@@ -310,6 +325,7 @@ void Ingest::place_default_listener(const sheet::MeshFrame& frame, CueBatch& bat
 }
 
 void Ingest::plan_listener(const scene::Listener& listener, double time_s, CueBatch& batch) {
+  ++changes_;
   sheet::Vec3d forward = listener.forward.value_or(sheets_centre_m_ - listener.position_m);
   if (forward.norm() < 1e-9) forward = sheet::Vec3d::UnitY();
   planner_.listener({listener.position_m, sheet::Vec3d(forward.normalized()), listener.up}, on_sample_axis(time_s),
@@ -338,6 +354,27 @@ void Ingest::fall_quiet(CueBatch& batch) {
     state->quiet = true;
   }
   settle_horizon(batch);
+}
+
+Surroundings Ingest::surroundings(std::shared_ptr<const scene::SceneState> scene) const {
+  if (!scene) scene = std::make_shared<const scene::SceneState>(scene_);
+  Surroundings out{std::move(scene), listener_, std::vector<SheetDescription>(sheets_.size()),
+                   std::isfinite(newest_s_) ? newest_s_ : mapping_.first_time_s};
+  for (const auto& [id, state] : sheets_) out.sheets[static_cast<std::size_t>(state->index)] = state->description;
+  return out;
+}
+
+std::optional<std::uint32_t> Ingest::place_of(sheet::SheetId sheet) const {
+  const auto found = sheets_.find(sheet);
+  if (found == sheets_.end()) return std::nullopt;
+  return static_cast<std::uint32_t>(found->second->index);
+}
+
+std::vector<const sheet::MeshFrame*> Ingest::newest_frames() const {
+  std::vector<const sheet::MeshFrame*> out;
+  for (const auto& [id, state] : sheets_)
+    if (state->newest) out.push_back(&*state->newest);
+  return out;
 }
 
 void Ingest::start_again(CueBatch& batch) {

@@ -27,6 +27,14 @@ struct Refusal {
   std::string field, message, remedy;
 };
 
+/// What is around the sheets, for who looks on.
+struct Surroundings {
+  std::shared_ptr<const scene::SceneState> scene;
+  std::optional<scene::Listener> listener;  ///< without forward: it looks toward the sheets
+  std::vector<SheetDescription> sheets;     ///< in the order in which they were described
+  double time_s = 0;                        ///< where obstacles move, they are shown as they are then
+};
+
 /// The first half of the engine: stream items in, batches of cues out, observations on the way.
 ///
 ///   item ─► scene, listener ─────────────────────────┐
@@ -65,6 +73,18 @@ class Ingest {
   synthesis::SampleTime latency() const { return planner_.latency(); }
   synthesis::PlanCounters counters() const { return planner_.counters(); }
 
+  // ---- for who looks on
+
+  /// They grow with every change of what Surroundings hold: of the scene alone, and of anything.
+  std::uint64_t scene_changes() const { return scene_changes_; }
+  std::uint64_t changes() const { return changes_; }
+  /// `scene`: the one given before, where it has not changed since; null: a copy is made.
+  Surroundings surroundings(std::shared_ptr<const scene::SceneState> scene) const;
+  /// The sheet's place in Surroundings::sheets.
+  std::optional<std::uint32_t> place_of(sheet::SheetId sheet) const;
+  /// Every sheet's newest frame, where it has one.
+  std::vector<const sheet::MeshFrame*> newest_frames() const;
+
  private:
   struct SheetState;
   using Taken = tl::expected<std::optional<observation::Observation>, Refusal>;
@@ -80,6 +100,7 @@ class Ingest {
   Taken take(const PackChange& change, CueBatch& batch);
   Taken take(const PackReload& reload, CueBatch& batch);
   Taken take(const LoadLevel& load, CueBatch& batch);
+  Taken take(const ListenerMove& move, CueBatch& batch);
 
   /// The packs of a sheet's material, on its touched surface and on all others; the place among the buses is left open.
   tl::expected<synthesis::SheetSetup, Refusal> sounds_of(const SheetDescription& settled, std::string field);
@@ -103,6 +124,7 @@ class Ingest {
   synthesis::Planner planner_;
   std::map<sheet::SheetId, std::unique_ptr<SheetState>> sheets_;
   std::optional<scene::Listener> listener_;
+  bool listener_told_ = false;  ///< where it looks is the stream's word
   std::uint32_t load_level_ = 0;
   bool planes_known_ = false;
   sheet::Vec3d sheets_centre_m_ = sheet::Vec3d::Zero();  ///< of the newest frame: where a listener without forward looks
@@ -113,6 +135,7 @@ class Ingest {
   bool live_ = false;
   double newest_s_;
   std::uint64_t next_event_id_ = 1;
+  std::uint64_t scene_changes_ = 0, changes_ = 0;
 };
 
 }  // namespace rustle::engine

@@ -67,7 +67,14 @@ struct LoadLevel {
   bool operator==(const LoadLevel&) const = default;
 };
 
+/// From here on the listener is there, until the stream says otherwise. It goes on looking where the stream said, or else
+/// toward the sheets.
+struct ListenerMove {
+  sheet::Vec3d position_m = sheet::Vec3d::Zero();
+  bool operator==(const ListenerMove&) const = default;
+};
+
 using StreamItem = std::variant<SheetDescription, sheet::MeshFrame, scene::SceneUpdate, scene::Listener, TearTips, Advance,
-                                End, GainChange, PackChange, PackReload, LoadLevel>;
+                                End, GainChange, PackChange, PackReload, LoadLevel, ListenerMove>;
 
 }  // namespace rustle::engine

@@ -33,9 +33,10 @@ struct Ended {
   bool operator==(const Ended&) const = default;
 };
 
-/// What was asked on the control socket or settled by the daemon, with all that the engine needs of it. A PackReload needs
-/// the packs as they were then, too.
-using Asked = std::variant<engine::GainChange, engine::PackChange, engine::PackReload, engine::LoadLevel>;
+/// What was asked on the control socket or the page, or settled by the daemon, with all that the engine needs of it. A
+/// PackReload needs the packs as they were then, too.
+using Asked =
+    std::variant<engine::GainChange, engine::PackChange, engine::PackReload, engine::LoadLevel, engine::ListenerMove>;
 
 /// One step of a session's engine: what it was given, and from where on that sounds.
 struct Step {

@@ -43,6 +43,7 @@ std::optional<Asked> asked_of(const engine::StreamItem& item) {
   if (const auto* change = std::get_if<engine::PackChange>(&item)) return *change;
   if (const auto* reload = std::get_if<engine::PackReload>(&item)) return *reload;
   if (const auto* load = std::get_if<engine::LoadLevel>(&item)) return *load;
+  if (const auto* move = std::get_if<engine::ListenerMove>(&item)) return *move;
   return std::nullopt;
 }
 
@@ -187,6 +188,21 @@ engine::TimeMapping Session::mapping() const {
   return mappings_.back();
 }
 
+void Session::watch(std::shared_ptr<Watch> watch) {
+  const bool watched = watch != nullptr;
+  {
+    std::lock_guard lock(watch_mutex_);
+    watch_.swap(watch);
+  }
+  watched_.store(watched, std::memory_order_release);
+}
+
+std::shared_ptr<Watch> Session::watch_now() {
+  if (!watched_.load(std::memory_order_relaxed)) return nullptr;
+  std::lock_guard lock(watch_mutex_);
+  return watch_;
+}
+
 Counters Session::counters() const {
   const bool complete = complete_.load(std::memory_order_acquire);
   const RenderFigures& rendered = render_figures_.latest();
@@ -255,6 +271,7 @@ bool Session::analyse_next() {
     ingest_.set_rendered(*step.earliest);
   }
   if (!next) {
+    if (const auto watch = watch_now()) watch->look(ingest_);
     if (live() && quiet_.exchange(false)) {
       ingest_.fall_quiet(*batch);
       step.what = FellQuiet{};
@@ -301,6 +318,13 @@ bool Session::analyse_next() {
   }
   send(std::move(step), mapping, std::move(batch));
   if (live()) cover(next->item, observed.has_value());
+  if (const auto watch = watch_now(); watch && observed) {
+    if (auto* seen = std::get_if<sheet::MeshFrame>(&next->item); seen != nullptr && *observed) {
+      watch->saw(ingest_, std::move(*seen), **observed, clock_.now());
+    } else {
+      watch->look(ingest_);
+    }
+  }
 
   std::optional<observation::Observation> seen;
   {

@@ -26,6 +26,7 @@
 #include "server/session/stem_tap.h"
 #include "server/session/taps.h"
 #include "server/session/turn_queue.h"
+#include "server/session/watch.h"
 #include "sound_db/pack/library.h"
 
 namespace rustle::session {
@@ -129,6 +130,9 @@ class Session {
   /// So many blocks may be rendered at once, 1 unless told: as many as listeners want in a message. Where there are several,
   /// a live session is rendered at moments that it shares with all whose steps are as long.
   void render_in_steps_of(int blocks) { step_blocks_.store(blocks, std::memory_order_relaxed); }
+  /// From now on this sees what is analysed, and its surroundings; null: nobody does, which costs nothing. A turn of
+  /// analysis should follow.
+  void watch(std::shared_ptr<Watch> watch);
   /// The whole stream was taken.
   bool finished() const { return finished_; }
   Counters counters() const;
@@ -207,6 +211,8 @@ class Session {
   double latency_s() const { return static_cast<double>(latency_) / options_.rate_hz; }
   /// Where a live item is heard; a mapping that is put in force with it.
   std::optional<engine::TimeMapping> map_time(const Inbox::Waiting& next, synthesis::SampleTime rendered);
+  /// [analysis worker]
+  std::shared_ptr<Watch> watch_now();
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
   bool live() const { return options_.clock == Clock::kLive; }
@@ -250,6 +256,10 @@ class Session {
   mutable std::mutex outcomes_mutex_;
   std::vector<Outcome> outcomes_;
   std::deque<engine::TimeMapping> mappings_;  ///< for samples not yet taken and the newest second
+
+  std::atomic<bool> watched_{false};
+  std::mutex watch_mutex_;
+  std::shared_ptr<Watch> watch_;
 
   engine::Ingest ingest_;  // analysis worker
   std::uint64_t newest_episode_ = 0;

@@ -39,6 +39,10 @@ struct AddStep {
     out.set_kind(v1::STEP_KIND_LOAD_LEVEL);
     out.set_load_level(load.level);
   }
+  void operator()(const engine::ListenerMove& move) const {
+    out.set_kind(v1::STEP_KIND_LISTENER);
+    to_wire(move.position_m, out.mutable_listener());
+  }
 
  private:
   void name(v1::StepKind kind, std::uint64_t arrival, std::uint64_t sequence) const {
@@ -117,6 +121,12 @@ Stepped read(const v1::Step& sent) {
       if (sent.load_level() > engine::kMostLoadLevel) return unknown("load level");
       step.what = session::Asked(engine::LoadLevel{sent.load_level()});
       break;
+    case v1::STEP_KIND_LISTENER: {
+      auto position_m = read_vector(sent.listener(), 1, false, Limits{}.position_m, "step.listener", "m");
+      if (!position_m) return tl::unexpected(std::move(position_m.error()));
+      step.what = session::Asked(engine::ListenerMove{*position_m});
+      break;
+    }
     default:
       return unknown("kind of step");
   }

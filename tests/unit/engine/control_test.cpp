@@ -182,4 +182,23 @@ TEST_CASE("A change that cannot be made is refused with a remedy, and what was i
 
 }  // namespace
 
+TEST_CASE("A listener that is moved is heard from there on, looking at the sheets") {
+  const auto plain = play(two_sheets({})), far = play(two_sheets({engine::ListenerMove{{0, -30, 10}}}));
+  REQUIRE(plain.mix.size() == far.mix.size());
+  CHECK(level_db(far.mix, 1.2, 1.9) < level_db(plain.mix, 1.2, 1.9) - 15);
+  const auto same = static_cast<std::ptrdiff_t>((59 / 60.0 - 0.05 - 0.002) * 96000);
+  CHECK(std::equal(plain.mix.begin(), plain.mix.begin() + same, far.mix.begin()));
+
+  // As the stream would say it at the newest frame, but that it looks where the stream said before.
+  scene::Listener told;
+  told.time_s = 59 / 60.0;
+  told.position_m = {0, -30, 10};
+  CHECK((play(two_sheets({told})).mix == far.mix));
+  told.position_m = {0, -1, 0.5};
+  told.forward = sheet::Vec3d::UnitX();
+  auto turned = told;
+  turned.position_m = {0, -30, 10};
+  CHECK((play(two_sheets({told, engine::ListenerMove{{0, -30, 10}}})).mix == play(two_sheets({told, turned})).mix));
+}
+
 }  // namespace control_test

@@ -271,6 +271,7 @@ std::multimap<int, engine::StreamItem> changes() {
           {2000, engine::LoadLevel{4}},
           {2190, engine::PackReload{}},
           {2400, engine::LoadLevel{}},
+          {2600, engine::ListenerMove{{0.6, -0.3, 0.5}}},
           {2900, engine::PackReload{}},
           {3050, engine::GainChange{}}};
 }

@@ -78,6 +78,7 @@ struct Sound {
   bool operator()(const engine::PackChange&) const { return false; }
   bool operator()(const engine::PackReload&) const { return false; }
   bool operator()(const engine::LoadLevel&) const { return false; }
+  bool operator()(const engine::ListenerMove&) const { return false; }
   bool operator()(const engine::TearTips& tips) const {
     bool good = std::isfinite(tips.time_s);
     for (const auto& tip : tips.tips) good &= finite(tip.position_m);

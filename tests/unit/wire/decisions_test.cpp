@@ -46,6 +46,7 @@ TEST_CASE("A decision is read as it was written, to the last bit", "[wire][decis
       session::Decision(step(session::Asked(engine::PackChange{2, "tracing-paper", ""}), {}, 128)),
       session::Decision(step(session::Asked(engine::PackReload{}))), session::Decision(step(session::Ended{})),
       session::Decision(step(session::Asked(engine::LoadLevel{4}), 64, 128)),
+      session::Decision(step(session::Asked(engine::ListenerMove{{0.1, -1e5, 3e-17}}), 64, 128)),
       session::Decision(session::Dropped{9, 10, "backlog"}), session::Decision(session::Dropped{9, 0, ""}),
       session::Decision(session::RenderedTo{kLargest}), session::Decision(session::RenderedTo{}),
       session::Decision(session::RecordingBegun{}),
