@@ -65,6 +65,14 @@ struct FleetFigures {
   std::map<std::pair<std::string, std::string>, std::uint64_t> asked;  ///< by what, and "done", "refused" or "unreachable"
 };
 
+/// Of the daemon's page.
+struct PageFigures {
+  std::uint64_t viewers = 0;          ///< there now
+  std::uint64_t viewers_refused = 0;  ///< too many were there
+  std::uint64_t frames_taken = 0;     ///< that analysis handed over to be shown
+  std::uint64_t messages_lost = 0;    ///< of viewers that read too slowly and are gone
+};
+
 struct DaemonFigures {
   std::string version;
   double up_s = 0;
@@ -76,6 +84,7 @@ struct DaemonFigures {
   Totals departed;  ///< of sessions that are no longer there
   std::optional<sinks::PlaybackFigures> playback;
   std::optional<FleetFigures> fleet;  ///< absent: it is in none
+  std::optional<PageFigures> page;
 
   /// Of all sessions that ever were.
   Totals totals() const;

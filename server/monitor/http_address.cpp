@@ -11,6 +11,11 @@ std::string HttpAddress::text() const {
   return host.find(':') == std::string::npos ? fmt::format("{}:{}", host, port) : fmt::format("[{}]:{}", host, port);
 }
 
+bool HttpAddress::is_local() const {
+  boost::system::error_code none;
+  return boost::asio::ip::make_address(host, none).is_loopback();
+}
+
 tl::expected<HttpAddress, std::string> parse_http_address(std::string_view text, std::string_view setting) {
   const std::size_t colon = text.rfind(':');
   const std::string_view port = colon == std::string_view::npos ? std::string_view() : text.substr(colon + 1);
@@ -25,12 +30,16 @@ tl::expected<HttpAddress, std::string> parse_http_address(std::string_view text,
   if (wrong || (!any_port && (failed != std::errc() || end != port.data() + port.size() || number > 65'535)))
     return tl::unexpected(
         fmt::format("{}: \"{}\" is no address with a port; write 127.0.0.1:7393, or \"off\"", setting, text));
-  if (!address.is_loopback())
-    return tl::unexpected(
-        fmt::format("{}: {}: only this machine may be served yet, since nobody who connects is asked for a key; write "
-                    "127.0.0.1:{}, and reach it from elsewhere through a tunnel (ssh -L)",
-                    setting, text, any_port ? "PORT" : port));
   return HttpAddress{address.to_string(), any_port ? std::uint16_t{0} : static_cast<std::uint16_t>(number)};
+}
+
+std::string exposed(const HttpAddress& address, bool keys, bool insecure) {
+  if (address.is_local() || keys || insecure) return {};
+  return fmt::format(
+      "--http {}: whoever reaches it could change what sounds here. Have keys asked for with --keys FOLDER (`rustle keys "
+      "new "
+      "server` makes the first), bind 127.0.0.1:{} and reach it through a tunnel (ssh -L), or say --insecure.",
+      address.text(), address.port == 0 ? "PORT" : std::to_string(address.port));
 }
 
 }  // namespace rustle::monitor

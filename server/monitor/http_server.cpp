@@ -10,11 +10,14 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
+#include <boost/beast/websocket/rfc6455.hpp>
 #include <optional>
 #include <string_view>
 #include <thread>
 #include <utility>
 
+#include "server/monitor/served_host.h"
+#include "server/monitor/web_socket_connection.h"
 #include "server/session/worker_thread.h"
 
 namespace rustle::monitor {
@@ -75,19 +78,31 @@ std::optional<HttpRequest> parse_target(std::string_view target) {
   return out;
 }
 
+/// One of the connections that there may be.
+class Place {
+ public:
+  explicit Place(std::shared_ptr<std::size_t> taken) : taken_(std::move(taken)) { ++*taken_; }
+  ~Place() { --*taken_; }
+  Place(const Place&) = delete;
+  Place& operator=(const Place&) = delete;
+
+ private:
+  const std::shared_ptr<std::size_t> taken_;
+};
+
 }  // namespace
 
 /// What the server thread works on. Its handlers run between open() and ~HttpServer(), so they may refer to it.
 struct HttpServer::Impl {
   class Connection;
 
-  Impl(std::map<std::string, Route> its_routes, const Options& its_options)
-      : options(its_options), routes(std::move(its_routes)), acceptor(*context), again(*context) {}
+  Impl(Paths its_paths, const Options& its_options)
+      : options(its_options), paths(std::move(its_paths)), acceptor(*context), again(*context) {}
 
   void accept();
 
   const Options options;
-  const std::map<std::string, Route> routes;
+  const Paths paths;
   const std::shared_ptr<asio::io_context> context = std::make_shared<asio::io_context>(1);
   tcp::acceptor acceptor;
   asio::steady_timer again;
@@ -100,10 +115,10 @@ struct HttpServer::Impl {
 class HttpServer::Impl::Connection : public std::enable_shared_from_this<Connection> {
  public:
   Connection(Impl& server, tcp::socket socket)
-      : server_(server), count_(server.connections), stream_(std::move(socket)), deadline_(*server.context) {
-    ++*count_;
-  }
-  ~Connection() { --*count_; }
+      : server_(server),
+        place_(std::make_shared<Place>(server.connections)),
+        stream_(std::move(socket)),
+        deadline_(*server.context) {}
 
   void read() {
     parser_.emplace();
@@ -134,12 +149,20 @@ class HttpServer::Impl::Connection : public std::enable_shared_from_this<Connect
     keep_alive_ = request.keep_alive();
     head_only_ = request.method() == http::verb::head;
     if (request.method() != http::verb::get && !head_only_) return refuse(405, "Only GET and HEAD are answered here.");
-    const auto asked = parse_target({request.target().data(), request.target().size()});
+    auto asked = parse_target({request.target().data(), request.target().size()});
     if (!asked) return refuse(400, "This is no path.");
-    const auto route = server_.routes.find(asked->path);
-    if (route == server_.routes.end()) {
+    const auto host = request[http::field::host];
+    asked->host.assign(host.data(), host.size());
+    // What is no browser need not say whom it calls.
+    if (!asked->host.empty() && server_.options.serves && !server_.options.serves(asked->host, server_.address))
+      return refuse(403, "This daemon is not served under that name; allow it with --http-name NAME.");
+    if (const auto socket = server_.paths.sockets.find(asked->path); socket != server_.paths.sockets.end())
+      return upgrade(socket->second, asked->host);
+    const auto route = server_.paths.routes.find(asked->path);
+    if (route == server_.paths.routes.end()) {
+      if (auto file = server_.paths.files ? server_.paths.files(*asked) : std::nullopt) return send(std::move(*file));
       std::string known;
-      for (const auto& [path, known_route] : server_.routes) known += " " + path;
+      for (const auto& [path, known_route] : server_.paths.routes) known += " " + path;
       return send({404, "text/plain; charset=utf-8", fmt::format("There is nothing here. There are:{}\n", known)});
     }
     await_answer(route->second.late);
@@ -152,6 +175,26 @@ class HttpServer::Impl::Connection : public std::enable_shared_from_this<Connect
             if (const auto connection = self.lock()) connection->answered(turn, response);
           });
         });
+  }
+
+  void upgrade(const SocketRoute& route, const std::string& host) {
+    const auto& request = parser_->get();
+    if (!beast::websocket::is_upgrade(request)) return refuse(426, "This path is for WebSockets.");
+    const auto origin = request[http::field::origin];
+    if (!is_same_origin({origin.data(), origin.size()}, host))
+      return refuse(403, "Only a page that came from this daemon may connect here (Origin must be the Host asked).");
+    http::token_list offered(request[http::field::sec_websocket_protocol]);
+    if (!offered.exists(route.subprotocol) || buffer_.size() > 0) {
+      keep_alive_ = false;
+      return send({400, "text/plain; charset=utf-8", fmt::format("This path speaks {}.\n", route.subprotocol)});
+    }
+    auto end = route.admit();
+    if (!end) {
+      keep_alive_ = false;
+      return send(std::move(end.error()));
+    }
+    serve_web_socket(std::move(stream_), request, {route.subprotocol, route.message_bytes}, std::move(*end), server_.context,
+                     place_);
   }
 
   /// Keeps the connection until the handler has answered, but not for ever.
@@ -173,7 +216,8 @@ class HttpServer::Impl::Connection : public std::enable_shared_from_this<Connect
     message->version(11);
     message->result(static_cast<unsigned>(response.status));
     message->set(http::field::content_type, response.type);
-    message->set(http::field::cache_control, "no-store");
+    message->set(http::field::cache_control, response.keep);
+    for (const auto& [name, value] : response.more) message->set(name, value);
     if (response.status == 405) message->set(http::field::allow, "GET, HEAD");
     message->keep_alive(keep_alive_);
     message->body() = std::move(response.body);
@@ -203,7 +247,7 @@ class HttpServer::Impl::Connection : public std::enable_shared_from_this<Connect
   }
 
   Impl& server_;
-  const std::shared_ptr<std::size_t> count_;
+  const std::shared_ptr<Place> place_;
   beast::tcp_stream stream_;
   asio::steady_timer deadline_;
   beast::flat_buffer buffer_{16384};
@@ -240,10 +284,9 @@ void HttpServer::Impl::accept() {
 
 HttpServer::HttpServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
-tl::expected<std::unique_ptr<HttpServer>, std::string> HttpServer::open(const HttpAddress& address,
-                                                                        std::map<std::string, Route> routes,
+tl::expected<std::unique_ptr<HttpServer>, std::string> HttpServer::open(const HttpAddress& address, Paths paths,
                                                                         const Options& options) {
-  auto impl = std::make_unique<Impl>(std::move(routes), options);
+  auto impl = std::make_unique<Impl>(std::move(paths), options);
   Error error;
   const tcp::endpoint endpoint(asio::ip::make_address(address.host, error), address.port);
   if (!error) impl->acceptor.open(endpoint.protocol(), error);

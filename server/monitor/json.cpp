@@ -79,6 +79,11 @@ std::string figures_json(const DaemonFigures& daemon, const ProcessFigures& proc
             {"ports", fleet.ports},          {"requests", Json::object()}};
     for (const auto& [what, times] : fleet.asked) told["requests"][what.first][what.second] = times;
   }
+  if (daemon.page)
+    out["page"] = {{"viewers", daemon.page->viewers},
+                   {"viewers_refused", daemon.page->viewers_refused},
+                   {"frames_taken", daemon.page->frames_taken},
+                   {"messages_lost", daemon.page->messages_lost}};
   out["sessions"] = Json::array();
   for (const auto& session : daemon.sessions) {
     Json each;

@@ -95,6 +95,14 @@ void add_sessions(Families& out, const DaemonFigures& daemon, const Totals& all)
   }
   out.gauge("rustle_frames_waiting", "Frames received and neither analysed nor dropped yet", static_cast<double>(waiting));
   out.gauge("rustle_voices", "Units and friction sources that sound now", static_cast<double>(voices));
+  if (daemon.page) {
+    out.gauge("rustle_page_viewers", "Browsers that look at the page", static_cast<double>(daemon.page->viewers));
+    out.counter("rustle_page_viewers_refused_total", "Browsers turned away, as too many looked",
+                daemon.page->viewers_refused);
+    out.counter("rustle_page_frames_taken_total", "Frames that analysis handed over to be shown", daemon.page->frames_taken);
+    out.counter("rustle_page_messages_lost_total", "Messages that browsers read too slowly for, of those that are gone",
+                daemon.page->messages_lost);
+  }
   out.gauge("rustle_load_level", "The highest load level in force in any session; 0 is full quality",
             static_cast<double>(level));
 }

@@ -52,9 +52,11 @@ HttpServer::Route Monitor::of_figures(HttpResponse (*respond)(const DaemonFigure
   }};
 }
 
-tl::expected<std::unique_ptr<Monitor>, std::string> Monitor::open(const HttpAddress& address, std::function<void()> wake) {
+tl::expected<std::unique_ptr<Monitor>, std::string> Monitor::open(const HttpAddress& address, std::function<void()> wake,
+                                                                  HttpServer::Paths more,
+                                                                  const HttpServer::Options& options) {
   std::unique_ptr<Monitor> monitor(new Monitor(std::move(wake)));
-  std::map<std::string, HttpServer::Route> routes;
+  auto& routes = more.routes;
   routes["/metrics"] = monitor->of_figures([](const DaemonFigures& daemon) -> HttpResponse {
     return {200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(daemon, process_figures())};
   });
@@ -66,7 +68,7 @@ tl::expected<std::unique_ptr<Monitor>, std::string> Monitor::open(const HttpAddr
   routes["/trace"] = {[self = monitor.get()](const HttpRequest& request, HttpServer::Answer answer) {
     self->trace(request, std::move(answer));
   }};
-  auto server = HttpServer::open(address, std::move(routes), {});
+  auto server = HttpServer::open(address, std::move(more), options);
   if (!server) return tl::unexpected(server.error());
   monitor->server_ = std::move(*server);
   return monitor;

@@ -28,10 +28,12 @@ namespace rustle::monitor {
 /// Nothing is gathered while nobody asks.
 class Monitor {
  public:
-  /// `wake`: ends the network thread's waiting. Thread-safe and quick. Error: a sentence that names the address and the
-  /// mend.
+  /// `wake`: ends the network thread's waiting. Thread-safe and quick. `more`: what else is served there. Error: a sentence
+  /// that names the address and the mend.
   [[nodiscard]] static tl::expected<std::unique_ptr<Monitor>, std::string> open(const HttpAddress& address,
-                                                                                std::function<void()> wake);
+                                                                                std::function<void()> wake,
+                                                                                HttpServer::Paths more = {},
+                                                                                const HttpServer::Options& options = {});
   ~Monitor();
 
   /// With the port the system chose. [any thread]
