@@ -53,6 +53,13 @@ tl::expected<Certificate, Error> make_certificate() {
   return Certificate{.public_key = public_key.data(), .secret_key = secret_key.data()};
 }
 
+tl::expected<std::string, Error> public_key_of(const std::string& secret_key) {
+  std::array<char, kKeyCharacters + 1> derived{};
+  if (!is_key(secret_key) || zmq_curve_public(derived.data(), secret_key.c_str()) != 0)
+    return invalid("secret-key", "This is no key: 40 characters of Z85 are one.", kNewKey);
+  return std::string(derived.data());
+}
+
 tl::expected<Certificate, Error> parse_certificate(std::string_view text, const std::string& file) {
   if (text.size() > kMostBytes)
     return invalid(file, "It is longer than a certificate may be (64 KiB).", "Name a file that holds one key.");
@@ -85,8 +92,8 @@ tl::expected<Certificate, Error> parse_certificate(std::string_view text, const 
   }
   if (out.public_key.empty()) return invalid(file, "It holds no public-key below \"curve\".", kNewKey);
   if (!out.secret_key.empty()) {
-    std::array<char, kKeyCharacters + 1> derived{};
-    if (zmq_curve_public(derived.data(), out.secret_key.c_str()) != 0 || out.public_key != derived.data())
+    const auto derived = public_key_of(out.secret_key);
+    if (!derived || out.public_key != *derived)
       return invalid(file, "Its secret key is of another public key.", "Take the pair as it was made.");
   }
   return out;

@@ -29,6 +29,9 @@ struct Certificate {
 /// A new pair. Error: "invalid", where ZeroMQ was built without CURVE.
 [[nodiscard]] tl::expected<Certificate, Error> make_certificate();
 
+/// The public key that belongs to a secret one, both Z85. Error: "invalid", where it is no key.
+[[nodiscard]] tl::expected<std::string, Error> public_key_of(const std::string& secret_key);
+
 /// Lines are sections, or `name = value` with or without quotes; what begins with # is left out; sections other than
 /// "metadata" and "curve" are passed over. Pure.
 /// Errors: "invalid", `field` the file and line: no public key, a key that is none, a secret key of another public one, a

@@ -2,6 +2,7 @@
 #   daemon   rustled, its service unit, dashboard, README and licence
 #   tools    rustle
 #   packs    the default sound packs, which both programs find beside their folder
+#   page     what rustled shows in a browser, found the same way
 #   python   the Python SDK
 #   library  the C SDK's shared library
 #   dev      the C and C++ SDKs: headers, archive, messages, and what find_package and pkg-config read
@@ -18,6 +19,9 @@ set(RUSTLE_PYTHON_DIR lib/python3/dist-packages CACHE STRING "Where the Python S
 install(TARGETS rustled RUNTIME COMPONENT daemon)
 install(TARGETS rustle RUNTIME COMPONENT tools)
 install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/packs DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT packs)
+if(RUSTLE_PAGE)
+  install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/page DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT page OPTIONAL)
+endif()
 install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT daemon)
 install(FILES deploy/grafana/rustle.json DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle/grafana COMPONENT daemon)
 file(READ deploy/systemd/rustled.service unit)

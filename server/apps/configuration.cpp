@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "server/monitor/http_address.h"
+#include "server/monitor/served_host.h"
 #include "server/wire/endpoint.h"
 
 namespace rustle::apps {
@@ -34,6 +35,14 @@ std::string http_address(const std::string& address) {
 std::string sidecar(const std::string& address) {
   const auto parsed = sidecar_address(address, nullptr);
   return parsed ? std::string() : parsed.error();
+}
+
+std::string host_name(const std::string& name) {
+  return monitor::is_host_name(name) ? std::string()
+                                     : fmt::format(
+                                           "network.http_names: \"{}\" is no name; write it without port, such as "
+                                           "rustle.example.org",
+                                           name);
 }
 
 /// A list of processors, or nothing.
@@ -67,7 +76,14 @@ Settings settings_of(Configuration& configuration) {
             "Without keys, let whoever reaches the endpoints use the daemon");
 
   all.text("network.http", "--http", configuration.http,
-           "Where metrics, health, figures and traces are told over HTTP, loopback only; \"off\" for nowhere", http_address);
+           "Where the page, metrics, health, figures and traces are served over HTTP; beyond this machine only with keys; "
+           "\"off\" for nowhere",
+           http_address);
+  all.texts("network.http_names", "--http-name", configuration.http_names,
+            "Name by which browsers reach that address, such as a proxy's; may be repeated. Other names are refused",
+            host_name);
+  all.integer("network.viewers", "--max-viewers", configuration.viewers, {1, 24},
+              "Browsers that look at the page at a time");
 
   all.section("sessions", "How many sheets at a time, and what they are given when they do not say");
   all.integer("sessions.most", "--max-sessions", daemon.max_sessions, {1, 100000}, "Sessions at a time");

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "server/apps/daemon.h"
 #include "server/apps/settings.h"
@@ -17,6 +18,8 @@ struct Configuration {
   std::string log_level = "info";
   std::string log_format = "text";
   std::string http = "127.0.0.1:7393";  ///< or "off"
+  std::vector<std::string> http_names;  ///< by which it is reached besides its address
+  std::size_t viewers = 8;              ///< of the page at a time
   std::string device = "default";       ///< of playback: all or a part of a name, "default", or "none"
   std::string audio_api = "auto";
   double device_buffer_ms = 30;

@@ -181,6 +181,7 @@ void Daemon::run(const std::atomic<bool>& stop, const std::function<void()>& bet
     for (auto& event : events) do_if_it_fits([&] { std::visit([this](auto& e) { handle(e); }, event); });
     do_if_it_fits([&] { serve_guests(); });
     do_if_it_fits([&] { serve_recordings(); });
+    do_if_it_fits([&] { serve_page(); });
     do_if_it_fits([&] { watch_load(); });
     do_if_it_fits([&] { finish_reloads(); });
     do_if_it_fits([&] { tell_of_sockets(); });
@@ -433,6 +434,7 @@ void Daemon::take(Guest& sender, const wire::StreamEnvelope& envelope, std::span
     notify(sender, decoded.error());
     return;
   }
+  if (envelope.body() == wire::StreamEnvelope::Body::kListener) sender.listener.reset();
   if (sender.standing) sender.standing->take(envelope.message());
   sender.kept_bytes += envelope.bytes();
   if (!decoded->item) {
@@ -532,6 +534,7 @@ void Daemon::serve(const std::string& id, Guest& served) {
   while (blocks < kBlocksAtATime && served.session->take_audio(served.session->options().block_size, block_)) {
     play(served, block_);
     served.pcm.publish(block_);
+    show(served, block_);
     note_left(served, block_);
     ++blocks;
   }

@@ -21,6 +21,7 @@
 #include "server/apps/recorder.h"
 #include "server/apps/strangers.h"
 #include "server/monitor/figures.h"
+#include "server/page/figures.h"
 #include "server/session/allowance.h"
 #include "server/session/clock_drift.h"
 #include "server/session/load_ladder.h"
@@ -31,6 +32,11 @@
 #include "server/wire/sockets.h"
 #include "server/wire/topics.h"
 #include "sound_db/pack/library.h"
+
+namespace rustle::page {
+class Host;
+class Page;
+}  // namespace rustle::page
 
 namespace rustle::apps {
 
@@ -74,6 +80,9 @@ class Daemon {
   void run(const std::atomic<bool>& stop, const std::function<void()>& between = {});
   static constexpr std::chrono::seconds kDrain{4};
 
+  /// From now on the page shows what is here, and asks by the host. Both outlive the daemon's run(). [network thread]
+  void show_on(page::Page& page, page::Host& host);
+
   /// Ends the waiting of run(), so that it calls `between`. [any thread]
   void wake() { sockets_->wake(); }
   /// What this daemon tells of itself. [network thread]
@@ -100,6 +109,7 @@ class Daemon {
   [[nodiscard]] tl::expected<void, std::string> reload_keys();
 
  private:
+  friend class DaemonPage;
   using Instant = session::WallClock::Duration;
 
   // what a client that follows simulation time may have under way
@@ -151,6 +161,8 @@ class Daemon {
     std::map<std::string, std::uint64_t> out_sequence;  ///< by topic, of what is not PCM
     std::map<std::string, NoticeTally> notices;         ///< by code
     std::vector<wire::Gain> gains;                      ///< in force
+    std::optional<engine::ListenerMove> listener;       ///< as moved since the stream last placed it
+    page::Level level;                                  ///< since the page was told; only while somebody looks
     Instant last_heard{}, finished_at{}, credited_at{};
     std::optional<Instant> client_left{};  ///< since nobody listens to its notices any more
     bool finished = false;
@@ -266,6 +278,13 @@ class Daemon {
   /// The session's recording is over, or there is none; else it is on the way.
   bool recording_is_over(const Guest& guest);
 
+  // ---- daemon_page.cpp
+
+  void serve_page();
+  /// Sound that has gone out, for the page.
+  void show(Guest& heard, const session::AudioBlock& block);
+  std::optional<wire::Error> move_listener(Guest& asked, const sheet::Vec3d& position_m);
+
   const DaemonOptions options_;
   std::size_t max_sessions_;
   const std::shared_ptr<pack::PackLibrary> packs_;
@@ -284,6 +303,8 @@ class Daemon {
   std::unique_ptr<session::Scheduler> scheduler_;
   std::unique_ptr<Recorder> recorder_;  ///< null: no folder
   std::unique_ptr<sinks::Playback> playback_;
+  page::Page* page_ = nullptr;
+  page::Host* page_host_ = nullptr;
   session::AudioBlock block_;
   NoticeTally complaints_;
   wire::Sockets::Counters told_;

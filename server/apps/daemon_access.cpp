@@ -6,6 +6,7 @@
 
 #include "server/apps/daemon.h"
 #include "server/apps/wording.h"
+#include "server/page/page.h"
 
 /// Who may do what: permissions and quotas of keys. Without a gate everybody may do everything.
 namespace rustle::apps {
@@ -169,6 +170,7 @@ tl::expected<void, std::string> Daemon::reload_keys() {
     end_at_once(*guest);
   }
   sockets_->cut_listeners();
+  if (page_ != nullptr) page_->check_rights(*page_host_);
   return {};
 }
 

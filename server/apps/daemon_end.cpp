@@ -55,6 +55,7 @@ void Daemon::drain(const std::function<void()>& between) {
       if (auto* change = std::get_if<wire::SubscriptionChanged>(&event)) handle(*change);
     }
     for (auto& [id, guest] : guests_) serve(id, *guest);
+    serve_page();
   }
   for (auto& [id, guest] : guests_) {
     if (guest->finished) continue;

@@ -2,6 +2,7 @@
 #include <chrono>
 
 #include "server/apps/daemon.h"
+#include "server/page/page.h"
 
 namespace rustle::apps {
 
@@ -39,6 +40,7 @@ monitor::DaemonFigures Daemon::figures() const {
   for (const auto& [id, guest] : guests_) out.sessions.push_back(figures_of(*guest));
   out.departed = departed_;
   if (playback_) out.playback = playback_->figures();
+  if (page_ != nullptr) out.page = page_->figures();
   return out;
 }
 
@@ -52,6 +54,7 @@ std::optional<monitor::SessionTraces> Daemon::traces(const std::string& session_
 
 void Daemon::see_off(Guest& leaving) {
   scheduler_->remove(leaving.session);
+  if (page_ != nullptr) page_->session_left(leaving.session->id());
   if (playback_ && leaving.played) playback_->end(*leaving.played);
   leaving.session->discard();
   auto figures = figures_of(leaving);

@@ -58,7 +58,7 @@ wire::ControlReply Daemon::start_recording(Guest& guest, const std::string& file
   auto file = new_recording(session.id(), file_name);
   if (!file) return file.error();
   wire::RecordingStarted started{file->name};
-  const Recorder::State state{*guest.standing, guest.gains, guest.load_level};
+  const Recorder::State state{*guest.standing, guest.gains, guest.listener, guest.load_level};
   recorder_->begin(std::move(*file), guest.session, guest.name, &state, guest.arrivals + 1);
   return started;
 }

@@ -139,6 +139,7 @@ void Recorder::begin(NewFile file, const std::shared_ptr<session::Session>& sess
     decided(entry, step);
   };
   if (!state->gains.empty()) held(engine::GainChange{state->gains});
+  if (state->listener) held(*state->listener);
   if (state->load_level > 0) held(engine::LoadLevel{state->load_level});
 }
 

@@ -54,6 +54,7 @@ class Recorder {
   struct State {
     const client::internal::Standing& standing;
     const std::vector<synthesis::Gain>& gains;
+    const std::optional<engine::ListenerMove>& listener;
     std::uint32_t load_level = 0;
   };
   /// Records from here on. `state` null: the session is recorded from its start, which its options say. `next_arrival`: of

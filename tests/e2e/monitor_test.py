@@ -264,10 +264,9 @@ class Figures(RustleTest):
             done = subprocess.run([BIN / "rustled", *ends, "--http", watched.address], capture_output=True, text=True, timeout=20)
             self.assertEqual(done.returncode, 1)
             self.assertRegex(done.stderr, rf"rustled: --http {watched.address}: .*; give another")
-        for wrong in ("0.0.0.0:7393", "nonsense"):
-            done = subprocess.run([BIN / "rustled", "--http", wrong], capture_output=True, text=True, timeout=20)
-            self.assertEqual(done.returncode, 2)
-            self.assertIn("network.http", done.stderr)
+        done = subprocess.run([BIN / "rustled", "--http", "nonsense"], capture_output=True, text=True, timeout=20)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("network.http", done.stderr)
 
 
 class Health(RustleTest):

@@ -9,16 +9,20 @@
 #include <cstdlib>
 #include <exception>
 #include <new>
+#include <optional>
 
 #include "server/apps/command.h"
 #include "server/apps/configuration.h"
 #include "server/apps/daemon.h"
+#include "server/apps/daemon_page.h"
 #include "server/apps/log.h"
 #include "server/apps/wording.h"
 #include "server/fleet/sidecar.h"
 #include "server/monitor/health.h"
 #include "server/monitor/monitor.h"
+#include "server/monitor/served_host.h"
 #include "server/monitor/service_manager.h"
+#include "server/page/page.h"
 
 namespace {
 
@@ -146,6 +150,15 @@ int serve(Configuration configuration, const Said& said) {
   } else if (options.sockets.insecure) {
     spdlog::warn("--insecure: whoever reaches the endpoints may use this daemon");
   }
+  std::optional<monitor::HttpAddress> http;
+  if (configuration.http != "off") {
+    http = monitor::parse_http_address(configuration.http, "network.http").value();
+    if (const auto why = monitor::exposed(*http, options.gate != nullptr, options.sockets.insecure); !why.empty()) {
+      fmt::print(stderr, "rustled: {}\n", why);
+      return apps::kFailed;
+    }
+  }
+  const std::uint32_t rate_hz = options.rate_hz;
   auto daemon = apps::Daemon::open(std::move(options), packs);
   if (!daemon) {
     fmt::print(stderr, "rustled: {}\n", daemon.error());
@@ -154,16 +167,31 @@ int serve(Configuration configuration, const Said& said) {
   const auto& sockets = (*daemon)->sockets();
   spdlog::info("control {}, stream {}, out {}", sockets.control_endpoint(), sockets.stream_endpoint(),
                sockets.out_endpoint());
+  apps::DaemonPage host(**daemon);
+  std::unique_ptr<page::Page> page;
   std::unique_ptr<monitor::Monitor> monitor;
-  if (configuration.http != "off") {
-    const auto address = monitor::parse_http_address(configuration.http, "network.http");
-    auto opened = monitor::Monitor::open(address.value(), [&] { (*daemon)->wake(); });
+  if (http) {
+    const auto wake = [&] { (*daemon)->wake(); };
+    page = std::make_unique<page::Page>(page::Page::Options{.folder = page::page_folder(),
+                                                            .daemon = "rustled " RUSTLE_VERSION,
+                                                            .rate_hz = rate_hz,
+                                                            .channels = 2,
+                                                            .viewers = configuration.viewers},
+                                        wake);
+    monitor::HttpServer::Paths paths;
+    page->add_to(paths);
+    monitor::HttpServer::Options limits;
+    limits.serves = [names = configuration.http_names](std::string_view name, const monitor::HttpAddress& own) {
+      return monitor::is_served(name, own, names);
+    };
+    auto opened = monitor::Monitor::open(*http, wake, std::move(paths), limits);
     if (!opened) {
       fmt::print(stderr, "rustled: {}\n", opened.error());
       return apps::kFailed;
     }
     monitor = std::move(*opened);
-    spdlog::info("http {}: /metrics, /healthz, /figures, /trace", monitor->address().text());
+    (*daemon)->show_on(*page, host);
+    spdlog::info("http {}: the page, /metrics, /healthz, /figures, /trace", monitor->address().text());
   }
   const auto sidecar_at = apps::sidecar_address(configuration.sidecar, std::getenv("AGONES_SDK_HTTP_PORT"));
   if (!sidecar_at) {

@@ -8,8 +8,11 @@
 #include <regex>
 
 #include "client_sdk/cpp/certificate.h"
+#include "server/apps/configuration.h"
 #include "server/apps/daemon.h"
 #include "server/apps/strangers.h"
+#include "server/monitor/http_server.h"
+#include "server/page/page.h"
 #include "server/session/inbox.h"
 #include "server/wire/control.h"
 #include "server/wire/listeners.h"
@@ -376,6 +379,13 @@ std::vector<Row> standing() {
       {"a listener's queue here", fmt::format("{} messages", sockets.out_queue_messages), "it loses messages, counted"},
       {"topics with a subscription, with keys", fmt::format("{}", Listeners::kMostTopics), "not granted"},
       {"a connection without a handshake", fmt::format("{} s", wire::Socket::kHandshakeMs / 1000), "closed"},
+      {"the page: viewers", fmt::format("{}", apps::Configuration{}.viewers), "503"},
+      {"the page: a viewer's message", fmt::format("{} bytes", page::kRequestBytes), "closed (1009)"},
+      {"the page: frames of a sheet", fmt::format("{} a second", session::Watch::kFramesPerSecond), "left out"},
+      {"the page: frames of a sheet that wait for a viewer", fmt::format("{}", page::Outbox::kPictures), "the older goes"},
+      {"the page: sound that waits for a viewer", fmt::format("{:.0f} s", page::Outbox::kPcm_s), "it has a gap"},
+      {"the page: requests of a viewer not yet answered", fmt::format("{}", page::Page::kMostAsked), "an error notice"},
+      {"HTTP: connections, viewers among them", fmt::format("{}", monitor::HttpServer::Options{}.connections), "503"},
       {"connections not yet accepted, each endpoint", fmt::format("{}", wire::Socket::kBacklog), "the system refuses"},
   };
 }
