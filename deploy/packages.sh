@@ -7,7 +7,7 @@ rustle_build_packages=(
   libspdlog-dev libfmt-dev libcli11-dev libexpected-dev nlohmann-json3-dev libtomlplusplus-dev librtaudio-dev libjack-jackd2-dev
   libboost-dev prometheus-cpp-dev libcairo2-dev libopus-dev libzstd-dev liblz4-dev zlib1g-dev fonts-dejavu-core
 )
-rustle_test_packages=(catch2 clang-format libclang-rt-19-dev nodejs npm python3 python3-numpy python3-zmq python3-protobuf python3-pip python3-setuptools python3-wheel pulseaudio pulseaudio-utils jackd2
+rustle_test_packages=(catch2 chromium clang-format libclang-rt-19-dev nodejs npm python3 python3-numpy python3-zmq python3-protobuf python3-pip python3-setuptools python3-wheel pulseaudio pulseaudio-utils jackd2
   libbullet-dev parallel python3-yaml python3-jsonschema iproute2)
 rustle_fuzz_packages=(clang-19 libclang-rt-19-dev catch2)
 rustle_bench_packages=(supercollider-server)  # what the benchmarks compare with
