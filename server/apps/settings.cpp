@@ -68,7 +68,7 @@ void Settings::section(const std::string& name, std::string meaning) {
 
 void Settings::number(const std::string& key, const std::string& flag, Limits limits, bool whole, std::string meaning,
                       std::function<void(double)> set, std::function<double()> get) {
-  Setting setting{key, flag, std::move(meaning), Kind::kNumber, {}, {}, {}, false};
+  Setting setting{key, flag, std::move(meaning), Kind::kNumber, {}, {}, {}, {}, false};
   setting.wanted = fmt::format("a {}number from {} to {}", whole ? "whole " : "", plain(limits.least), plain(limits.most));
   setting.take = [limits, whole, set = std::move(set)](const Value& value) -> Refusal {
     const double number = std::get<double>(value);
@@ -83,8 +83,9 @@ void Settings::number(const std::string& key, const std::string& flag, Limits li
 
 void Settings::choose(const std::string& key, const std::string& flag, std::vector<int> choices, std::string meaning,
                       std::function<void(int)> set, std::function<double()> get) {
-  Setting setting{key, flag, std::move(meaning), Kind::kNumber, fmt::format("one of {}", fmt::join(choices, ", ")), {},
+  Setting setting{key, flag, std::move(meaning), Kind::kNumber, fmt::format("one of {}", fmt::join(choices, ", ")), {}, {},
                   {},  false};
+  for (const int choice : choices) setting.choices.push_back(std::to_string(choice));
   setting.take = [choices = std::move(choices), set = std::move(set)](const Value& value) -> Refusal {
     for (const int choice : choices) {
       if (std::get<double>(value) != choice) continue;
@@ -103,7 +104,7 @@ void Settings::real(const std::string& key, const std::string& flag, double& fie
 }
 
 void Settings::truth(const std::string& key, const std::string& flag, bool& field, std::string meaning) {
-  Setting setting{key, flag, std::move(meaning), Kind::kTruth, "true or false", {}, {}, false};
+  Setting setting{key, flag, std::move(meaning), Kind::kTruth, "true or false", {}, {}, {}, false};
   setting.take = [&field](const Value& value) -> Refusal {
     field = std::get<bool>(value);
     return std::nullopt;
@@ -113,7 +114,7 @@ void Settings::truth(const std::string& key, const std::string& flag, bool& fiel
 }
 
 void Settings::text(const std::string& key, const std::string& flag, std::string& field, std::string meaning, Check check) {
-  Setting setting{key, flag, std::move(meaning), Kind::kText, "a text", {}, {}, false};
+  Setting setting{key, flag, std::move(meaning), Kind::kText, "a text", {}, {}, {}, false};
   setting.take = [&field, check = std::move(check)](const Value& value) -> Refusal {
     const auto& text = std::get<std::string>(value);
     if (auto refusal = check ? check(text) : std::string(); !refusal.empty()) return refusal;
@@ -126,7 +127,7 @@ void Settings::text(const std::string& key, const std::string& flag, std::string
 
 void Settings::texts(const std::string& key, const std::string& flag, std::vector<std::string>& field, std::string meaning,
                      Check check) {
-  Setting setting{key, flag, std::move(meaning), Kind::kTexts, "a list of texts", {}, {}, false};
+  Setting setting{key, flag, std::move(meaning), Kind::kTexts, "a list of texts", {}, {}, {}, false};
   setting.take = [&field, check = std::move(check)](const Value& value) -> Refusal {
     const auto& list = std::get<std::vector<std::string>>(value);
     for (const auto& text : list) {
@@ -145,8 +146,9 @@ void Settings::texts(const std::string& key, const std::string& flag, std::vecto
 
 void Settings::choice(const std::string& key, const std::string& flag, std::string& field, std::vector<std::string> choices,
                       std::string meaning) {
-  Setting setting{key, flag, std::move(meaning), Kind::kText, fmt::format("one of {}", fmt::join(choices, ", ")), {},
-                  {},  false};
+  Setting setting{
+      key, flag, std::move(meaning), Kind::kText, fmt::format("one of {}", fmt::join(choices, ", ")), choices, {},
+      {},  false};
   setting.take = [&field, choices = std::move(choices)](const Value& value) -> Refusal {
     const auto& text = std::get<std::string>(value);
     if (std::find(choices.begin(), choices.end(), text) == choices.end()) return "";
@@ -173,7 +175,8 @@ void Settings::add_flags(CLI::App& app) {
     auto* option = app.add_option_function<std::vector<std::string>>(
         setting.flag, [this, flag = setting.flag](const std::vector<std::string>& texts) { given_[flag] = texts; },
         fmt::format("{} [{}]", setting.meaning, setting.toml()));
-    option->type_name(setting.kind == Kind::kText || setting.kind == Kind::kTexts ? "TEXT" : "NUMBER");
+    const std::string type = setting.kind == Kind::kText || setting.kind == Kind::kTexts ? "TEXT" : "NUMBER";
+    option->type_name(setting.choices.empty() ? type : fmt::format("{}:{{{}}}", type, fmt::join(setting.choices, ",")));
     option->expected(1);
     option->multi_option_policy(setting.kind == Kind::kTexts ? CLI::MultiOptionPolicy::TakeAll
                                                              : CLI::MultiOptionPolicy::TakeLast);
@@ -306,16 +309,38 @@ std::vector<SettingError> Settings::read(const std::optional<std::filesystem::pa
   return errors;
 }
 
-std::string Settings::print() const {
-  std::string out;
+std::vector<Settings::Description> Settings::descriptions() const {
+  std::vector<Description> all;
   for (const auto& [name, meaning] : sections_) {
-    out += fmt::format("{}# {}\n[{}]\n", out.empty() ? "" : "\n", meaning, name);
     for (const auto& setting : settings_) {
       if (!setting.key.starts_with(name + ".")) continue;
-      out += fmt::format("# {}: {}. {}, {}{}\n{} = {}\n", setting.meaning, setting.wanted, setting.flag,
-                         variable_of(setting), setting.reloadable ? "; read again on SIGHUP" : "",
-                         setting.key.substr(name.size() + 1), setting.toml());
+      all.push_back({name, meaning, setting.key.substr(name.size() + 1), setting.meaning, setting.wanted, setting.toml(),
+                     setting.flag, variable_of(setting), setting.reloadable});
     }
+  }
+  return all;
+}
+
+std::string Settings::print() const {
+  return print_where([](const Description&) { return true; });
+}
+
+std::string Settings::print_to_edit(const Settings& defaults) const {
+  return print_where([before = defaults.descriptions()](const Description& setting) {
+    return std::none_of(before.begin(), before.end(), [&](const Description& other) {
+      return other.flag == setting.flag && other.value == setting.value;
+    });
+  });
+}
+
+std::string Settings::print_where(const std::function<bool(const Description& setting)>& said) const {
+  std::string out, section;
+  for (const auto& each : descriptions()) {
+    if (each.section != section)
+      out += fmt::format("{}# {}\n[{}]\n", out.empty() ? "" : "\n", each.section_meaning, each.section);
+    section = each.section;
+    out += fmt::format("# {}: {}. {}, {}{}\n{}{} = {}\n", each.meaning, each.wanted, each.flag, each.variable,
+                       each.reloadable ? "; read again on SIGHUP" : "", said(each) ? "" : "#", each.name, each.value);
   }
   return out;
 }

@@ -88,6 +88,18 @@ class Settings {
 
   /// All settings as a TOML file that says the same, each with what it means and what it may be.
   std::string print() const;
+  /// The same to be edited: what is as `defaults` have it is commented out, as "#key = value".
+  std::string print_to_edit(const Settings& defaults) const;
+
+  /// A setting as it is told to people.
+  struct Description {
+    std::string section, section_meaning;
+    std::string name;  ///< without its section
+    std::string meaning, wanted, value, flag, variable;
+    bool reloadable;
+  };
+  /// All of them, section by section.
+  std::vector<Description> descriptions() const;
 
   /// How `now` differs, by key: what can be taken over, and what needs a new start.
   struct Changes {
@@ -103,7 +115,8 @@ class Settings {
   struct Setting {
     std::string key, flag, meaning;
     Kind kind;
-    std::string wanted;  ///< "a whole number from 1 to 256"
+    std::string wanted;                ///< "a whole number from 1 to 256"
+    std::vector<std::string> choices;  ///< where there are few; empty: others
     std::function<Refusal(const Value& value)> take;
     std::function<std::string()> toml;  ///< the value as TOML
     bool reloadable = false;
@@ -120,6 +133,8 @@ class Settings {
   Setting* find(const std::string& key);
   std::string nearest_key(const std::string& key) const;
   std::string variable_of(const Setting& setting) const;
+  /// print(), commented out where `said` is false.
+  std::string print_where(const std::function<bool(const Description& setting)>& said) const;
   static std::optional<Value> value_of(const Setting& setting, const std::vector<std::string>& texts);
   static void take(Setting& setting, const std::optional<Value>& value, const std::string& where, const std::string& said,
                    std::vector<SettingError>& errors);

@@ -1,41 +1,19 @@
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
 
-#include "server/apps/command.h"
+#include "server/apps/command_lines.h"
 
 namespace {
 
 using namespace rustle::apps;
 
 int run(int argc, char** argv) {
-  CLI::App app{"Rustle gives deforming sheets their sound.", "rustle"};
-  app.set_version_flag("--version", "rustle " RUSTLE_VERSION);
-  app.require_subcommand(1);
-  app.footer(
-      "Example: rustle import crumple.npz -o crumple.mcap && rustle render crumple.mcap -o crumple.wav\n"
-      "Exit status: 0 done, 1 failed, 2 wrong usage. `rustle COMMAND --help` tells more.");
   Action action;
-  add_demo(app, action);
-  add_render(app, action);
-  add_import(app, action);
-  add_inspect(app, action);
-  add_replay(app, action);
-  add_listen(app, action);
-  add_gain(app, action);
-  add_load(app, action);
-  add_record(app, action);
-  add_pack(app, action);
-  add_validate(app, action);
-  add_doctor(app, action);
-  add_top(app, action);
-  add_trace(app, action);
-  add_compare(app, action);
-  add_keys(app, action);
+  const auto app = rustle_command_line(action);
   try {
-    app.parse(argc, argv);
+    app->parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? kDone : kWrongUsage;
+    return app->exit(error) == 0 ? kDone : kWrongUsage;
   }
   try {
     return action();

@@ -2,7 +2,6 @@
 #include <spdlog/spdlog.h>
 #include <sys/resource.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
 #include <cstdio>
@@ -11,7 +10,7 @@
 #include <new>
 #include <optional>
 
-#include "server/apps/command.h"
+#include "server/apps/command_lines.h"
 #include "server/apps/configuration.h"
 #include "server/apps/daemon.h"
 #include "server/apps/daemon_page.h"
@@ -243,43 +242,28 @@ int print_devices(const std::string& audio_api) {
 }
 
 int run(int argc, char** argv) {
-  CLI::App app{"rustled listens to simulators and gives their deforming sheets sound.", "rustled"};
-  app.set_version_flag("--version", "rustled " RUSTLE_VERSION);
-  app.footer(
-      "Every setting may also stand in the configuration file or in an environment variable; flags go before variables,\n"
-      "variables before the file. SIGHUP reads the file and the keys again.\n"
-      "Example: rustled --connect tcp://127.0.0.1:5555\n"
-      "         rustled --print-config > rustled.toml && rustled --config rustled.toml\n"
-      "Attach a simulator with an SDK or `rustle replay`, hear it with `rustle listen`. SIGTERM or Ctrl-C ends it: what\n"
-      "was sent is rendered first, within 5 s.");
   Configuration configuration;
   Settings settings = rustle::apps::settings_of(configuration);
   Said said;
-  std::string file;
-  bool print = false, list_devices = false;
-  app.add_option("--config", file,
-                 "Configuration file; \"none\" reads none [RUSTLED_CONFIG, ~/.config/rustle/rustled.toml or "
-                 "/etc/rustle/rustled.toml, the first that is there]");
-  app.add_flag("--print-config", print, "Print the configuration in force, every setting explained, and end");
-  app.add_flag("--list-devices", list_devices, "Print the devices that --device may name, and end");
-  settings.add_flags(app);
+  rustle::apps::DaemonRequest request;
+  const auto app = rustle::apps::rustled_command_line(request, settings);
   try {
-    app.parse(argc, argv);
+    app->parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? rustle::apps::kDone : rustle::apps::kWrongUsage;
+    return app->exit(error) == 0 ? rustle::apps::kDone : rustle::apps::kWrongUsage;
   }
-  if (file.empty()) {
+  if (request.file.empty()) {
     said.file = rustle::apps::default_configuration_file();
-  } else if (file != "none") {
-    said.file = file;
+  } else if (request.file != "none") {
+    said.file = request.file;
   }
   said.flags = settings.given();
   if (!accept(settings.read(said.file))) return rustle::apps::kWrongUsage;
-  if (print) {
+  if (request.print_configuration) {
     fmt::print("{}", settings.print());
     return rustle::apps::kDone;
   }
-  if (list_devices) return print_devices(configuration.audio_api);
+  if (request.list_devices) return print_devices(configuration.audio_api);
   return serve(configuration, said);
 }
 
