@@ -1,5 +1,5 @@
 # The Debian 12 packages Rustle needs; sourced by quickstart.sh and tests/run.sh.
-# rustle_install_packages build|test|bench|fuzz|blender|container|slurm: installs what is missing, with sudo where the caller is not root.
+# rustle_install_packages build|test|bench|fuzz|blender|container|packages|machine|slurm: installs what is missing, with sudo where the caller is not root.
 
 rustle_build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
@@ -12,6 +12,8 @@ rustle_test_packages=(catch2 chromium clang-format libclang-rt-19-dev nodejs npm
 rustle_fuzz_packages=(clang-19 libclang-rt-19-dev catch2)
 rustle_bench_packages=(supercollider-server)  # what the benchmarks compare with
 rustle_container_packages=(mmdebstrap buildah)  # for deploy/container/build.sh
+rustle_package_packages=(dpkg-dev lintian python3)  # for deploy/debian/build.sh
+rustle_machine_packages=(mmdebstrap systemd systemd-container python3 python3-numpy)  # for tests/packages/run.sh
 rustle_slurm_packages=(slurm-wlm munge parallel python3 python3-numpy)  # for tests/slurm/run.sh
 rustle_blender_packages=(blender protobuf-compiler python3 python3-numpy python3-zmq python3-protobuf)  # for tests/blender/run.sh
 
@@ -21,7 +23,9 @@ rustle_install_packages() {
   [ "$1" = fuzz ] && wanted+=("${rustle_fuzz_packages[@]}")
   [ "$1" = bench ] && wanted+=("${rustle_bench_packages[@]}")
   [ "$1" = container ] && wanted+=("${rustle_container_packages[@]}")
+  [ "$1" = packages ] && wanted+=("${rustle_package_packages[@]}")
   [ "$1" = blender ] && wanted=("${rustle_blender_packages[@]}")
+  [ "$1" = machine ] && wanted=("${rustle_machine_packages[@]}")
   [ "$1" = slurm ] && wanted=("${rustle_slurm_packages[@]}")
   for name in "${wanted[@]}"; do
     # A newer Node.js from elsewhere serves as well as Debian's.

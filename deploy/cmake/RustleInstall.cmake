@@ -1,6 +1,7 @@
 # What `cmake --install` puts where, by component:
-#   daemon   rustled, its service unit, dashboard, README and licence
+#   daemon   rustled, its service unit, its configuration, dashboard, README and licence
 #   tools    rustle
+#            (both with manual pages and completions)
 #   packs    the default sound packs, which both programs find beside their folder
 #   page     what rustled shows in a browser, found the same way
 #   python   the Python SDK
@@ -13,6 +14,8 @@ include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
 set(RUSTLE_PYTHON_DIR lib/python3/dist-packages CACHE STRING "Where the Python SDK is installed, below the prefix")
+set(RUSTLE_SYSTEMD_DIR lib/systemd CACHE STRING "Where the folder of systemd's units is, below the prefix")
+set(RUSTLE_ZSH_FOLDER site-functions CACHE STRING "The folder of zsh's completions, vendor-completions in packages")
 
 # ---- programs
 
@@ -22,12 +25,38 @@ install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/packs DESTINATION ${CMAKE_INS
 if(RUSTLE_PAGE)
   install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/page DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT page OPTIONAL)
 endif()
-install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT daemon)
+if(RUSTLE_PACKAGES)  # Debian keeps a package's documentation by its name, and the licence's text in one place
+  install(FILES README.md DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/doc/rustled COMPONENT daemon)
+else()
+  install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT daemon)
+endif()
 install(FILES deploy/grafana/rustle.json DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle/grafana COMPONENT daemon)
 file(READ deploy/systemd/rustled.service unit)
 string(REPLACE /usr/bin/rustled ${CMAKE_INSTALL_FULL_BINDIR}/rustled unit "${unit}")
+string(REPLACE /etc/rustle ${CMAKE_INSTALL_FULL_SYSCONFDIR}/rustle unit "${unit}")
 file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/install/rustled.service CONTENT "${unit}")
-install(FILES ${CMAKE_BINARY_DIR}/install/rustled.service DESTINATION lib/systemd/system COMPONENT daemon)
+install(FILES ${CMAKE_BINARY_DIR}/install/rustled.service DESTINATION ${RUSTLE_SYSTEMD_DIR}/system COMPONENT daemon)
+install(FILES deploy/systemd/sysusers.conf DESTINATION lib/sysusers.d RENAME rustle.conf COMPONENT daemon)
+set(configuration_folder ${CMAKE_INSTALL_SYSCONFDIR})
+if(RUSTLE_PACKAGES)
+  set(configuration_folder ${CMAKE_INSTALL_FULL_SYSCONFDIR})  # /etc, of the prefix /usr
+endif()
+install(FILES ${CMAKE_BINARY_DIR}/manual/rustled.toml DESTINATION ${configuration_folder}/rustle COMPONENT daemon)
+
+# ---- manual pages and completions, written of the command lines
+
+foreach(pair rustled:daemon rustle:tools)
+  string(REGEX MATCH "^[^:]+" program ${pair})
+  string(REGEX MATCH "[^:]+$" component ${pair})
+  foreach(section 1 5)
+    install(DIRECTORY ${CMAKE_BINARY_DIR}/manual/man/${program}/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man${section} COMPONENT ${component}
+      FILES_MATCHING PATTERN *.${section}.gz)
+  endforeach()
+  set(completions ${CMAKE_BINARY_DIR}/manual)
+  install(FILES ${completions}/bash/${program} DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${component})
+  install(FILES ${completions}/zsh/_${program} DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/${RUSTLE_ZSH_FOLDER} COMPONENT ${component})
+  install(FILES ${completions}/fish/${program}.fish DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d COMPONENT ${component})
+endforeach()
 
 # ---- SDKs
 

@@ -22,7 +22,7 @@ done
 rustle_install_packages container
 build=build/release
 cmake --preset release -DCMAKE_CXX_COMPILER_LAUNCHER=ccache --log-level=WARNING
-cmake --build --preset release --target rustled rustle_packs
+cmake --build --preset release --target rustled rustle_packs rustle_manual_pages
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 for component in daemon packs; do
@@ -36,6 +36,7 @@ done | sort -u | paste -sd, -)
 echo "unpacking $(tr , '\n' <<<"$packages" | wc -l) Debian packages and what they need"
 mmdebstrap --quiet --variant=extract --include="$packages" bookworm "$work/root"
 rm -rf "$work/root"/var/{cache,lib/{apt,dpkg}} "$work/root"/etc/{apt,dpkg} "$work/root"/usr/share/{doc,man,locale,lintian,bug}
+rm -rf "$work"/installed/usr/{etc,lib,share/{man,bash-completion,zsh,fish}}  # for who has a shell and a service manager
 cp -a "$work/installed/usr" "$work/root/"
 mkdir -p "$work/root/etc/rustle/keys" "$work/root/tmp" "$work/root/var/lib/rustle"
 cp deploy/container/rustled.toml "$work/root/etc/rustle/"

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The guides of client_sdk as a reader follows them: every command is run, every file named is there.
 
-A block ```sh is run; a block ```LANGUAGE FILE is saved as that file. Blocks of a guide go one after another in one shell, in a folder
+A block ```sh is run; a block ```LANGUAGE FILE is saved as that file; a block ```debian is for tests/packages. Blocks of a guide go one after another in one shell, in a folder
 that looks like the project's root. Daemons listen at their default ports, in a network of their own where the system grants one.
 """
 import ctypes

@@ -59,6 +59,9 @@ class Installed(RustleTest):
         self.assertIn(str(self.prefix / "share/rustle/packs"), listed + run(self.prefix / "bin/rustle", "doctor", "--json"))
         unit = (self.prefix / "lib/systemd/system/rustled.service").read_text()
         self.assertIn(f"ExecStart={setting('CMAKE_INSTALL_PREFIX')}/bin/rustled ", unit)
+        for file in ("etc/rustle/rustled.toml", "lib/sysusers.d/rustle.conf", "share/man/man1/rustle-render.1.gz", "share/man/man5/rustled.toml.5.gz",
+                     "share/bash-completion/completions/rustled", "share/zsh/site-functions/_rustle", "share/fish/vendor_completions.d/rustle.fish"):
+            self.assertTrue((self.prefix / file).is_file(), file)
 
     def test_the_python_package_alone(self):
         root = self.folder / "root"

@@ -9,7 +9,7 @@ import subprocess
 import time
 import unittest
 
-from support import SOURCE, RustleTest, daemon, main
+from support import BIN, BUILD, SOURCE, RustleTest, daemon, main
 
 UNIT = SOURCE / "deploy/systemd/rustled.service"
 
@@ -58,8 +58,17 @@ class Service(RustleTest):
         self.assertLessEqual(float(level[1]), 2.0)
 
     def test_units_command_is_one_that_rustled_takes(self):
+        """With the configuration that comes with it, which plays on no device and may be recorded into the service's folder."""
         command = re.search(r"^ExecStart=/usr/bin/rustled (.*)$", UNIT.read_text(), re.M)[1]
-        with daemon(self.folder, *command.replace("${STATE_DIRECTORY}", str(self.folder)).split()) as ends:
+        self.assertIn("/etc/rustle/rustled.toml", command)
+        said = (BUILD / "manual/rustled.toml").read_text()
+        self.assertIn("/var/lib/rustle/", said)
+        self.assertRegex(UNIT.read_text(), r"(?m)^StateDirectory=rustle$")
+        (self.folder / "rustled.toml").write_text(said.replace("/var/lib/rustle", str(self.folder)))
+        words = command.replace("/etc/rustle", str(self.folder)).split()
+        in_force = subprocess.run([BIN / "rustled", *words, "--print-config"], capture_output=True, text=True, timeout=60).stdout
+        self.assertIn(f"folder = '{self.folder}/recordings'", in_force)
+        with daemon(self.folder, *words) as ends:
             self.assertIsNone(ends["process"].poll())
 
 
