@@ -50,6 +50,7 @@ SNAPSHOT = r"""snapshot() {
   find / \( -path /proc -o -path /sys -o -path /dev -o -path /run -o -path /tmp -o -path /root \) -prune -o -printf '%p\n' | sort >"/root/$1.files"
   find /etc -type f -exec sha256sum {} + | sort -k 2 >"/root/$1.etc"
 }
+owner_of() { for process in /proc/[0-9]*; do [ "$(cat $process/comm 2>/dev/null)" != "$1" ] || stat -c %U $process; done; }
 """
 
 #: After the ten lines: they heard something, and what the daemon recorded gives a sound as well.
@@ -57,7 +58,7 @@ HEARD = r"""python3 -c 'import numpy, runpy; sound = runpy.run_path("attach.py")
 recorded=$(find /var/lib/rustle/recordings -name '*.mcap' | head -1)
 rustle render "$recorded" -o flag.wav
 [ "$(stat -c %U "$recorded")" = rustle ]
-ps -o user= -C rustled | grep -qx rustle
+[ "$(owner_of rustled)" = rustle ]
 """
 
 #: Where the page is installed, it and all that it names are served.
@@ -126,9 +127,9 @@ def script():
         if "attach.py" in body:
             lines += [HEARD, PAGE]
         if "apt install" in body:
-            lines.append("snapshot installed")
+            lines += ["systemd-analyze verify --man=no rustled.service", "snapshot installed"]
         if "apt remove" in body:
-            lines += ["! pgrep -x rustled", "snapshot removed"]
+            lines += ['[ -z "$(owner_of rustled)" ]', "snapshot removed"]
         if "apt purge" in body:
             lines.append("snapshot purged")
     return "\n".join(lines) + "\necho every step done\n"
@@ -227,17 +228,6 @@ class Debian(unittest.TestCase):
             shutil.copy(kept, archives)
         self.assertIn("printer-paper", said, said[-4000:])
         self.assertTrue(said.endswith("imported\n"), said[-4000:])
-
-
-class Unit(unittest.TestCase):
-    @unittest.skipUnless(shutil.which("systemd-analyze"), "systemd is not installed")
-    def test_systemd_finds_nothing_wrong_with_the_unit(self):
-        with tempfile.TemporaryDirectory() as folder:
-            for name in ("rustled", "rustle"):
-                run("dpkg-deb", "-x", packages()[name], folder)
-            said = subprocess.run(["systemd-analyze", "verify", "--man=no", f"--root={folder}", "rustled.service"], capture_output=True, text=True, timeout=60)
-            mine = [line for line in said.stderr.splitlines() if "rustled" in line]
-            self.assertEqual(mine, [])
 
 
 if __name__ == "__main__":
