@@ -181,7 +181,7 @@ class Debian(unittest.TestCase):
         root = self.unpack(fresh_debian(*BROUGHT, *dependencies()))
         (root / "root/steps.sh").write_text(script())
         (root / "etc/systemd/system/steps.service").write_text(
-            "[Unit]\nAfter=dbus.service\n[Service]\nType=exec\nExecStart=/bin/bash /root/steps.sh\nExecStopPost=/bin/systemctl --no-block poweroff\n"
+            "[Unit]\nAfter=dbus.service\nSuccessAction=exit-force\nFailureAction=exit-force\n[Service]\nExecStart=/bin/bash /root/steps.sh\n"
             "StandardOutput=file:/root/said\nStandardError=file:/root/said\n")
         wants = root / "etc/systemd/system/multi-user.target.wants"
         wants.mkdir(exist_ok=True)
