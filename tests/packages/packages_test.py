@@ -175,7 +175,8 @@ class Debian(unittest.TestCase):
         purged, purged_etc = self.seen(root, "purged")
         self.assertEqual(purged ^ files, set())
         self.assertEqual(purged_etc, etc)
-        self.assertEqual([path.name for path in (root / "var/lib/dpkg/info").iterdir() if path.name.split(".")[0] in packages()], [])
+        ours = tuple(f"{name}{after}" for name in packages() for after in (".", ":"))
+        self.assertEqual([path.name for path in (root / "var/lib/dpkg/info").iterdir() if path.name.startswith(ours)], [])
 
     def test_with_systemd(self):
         root = self.unpack(fresh_debian(*BROUGHT, *dependencies()))
