@@ -12,6 +12,17 @@ using sheet::kNone;
 using sheet::Triangle;
 using sheet::Vec3d;
 
+namespace {
+
+/// What moves faster than anything was put elsewhere, and did not slide; squares of such speeds may be no numbers.
+constexpr double kMostSlip_m_per_s = 1e6;
+
+Vec3d slid(const Vec3d& slip_m_per_s) {
+  return slip_m_per_s.squaredNorm() <= kMostSlip_m_per_s * kMostSlip_m_per_s ? slip_m_per_s : Vec3d::Zero();
+}
+
+}  // namespace
+
 void ContactComponents::connect(const sheet::Topology& topology, const ContactPatch& patch) {
   place_.resize(topology.vertex_count(), kNone);
   for (std::uint32_t k = 0; k < patch.vertices.size(); ++k) place_[patch.vertices[k]] = k;
@@ -87,7 +98,7 @@ void ContactComponents::split(const sheet::MeshFrame& frame, const ContactPatch&
     if (contact_of_[component_[k]] == kNone) continue;
     FrictionContact& contact = out[contact_of_[component_[k]]];
     const double area_m2 = patch.areas_m2[k];
-    const Vec3d& slip = patch.slips_m_per_s[k];
+    const Vec3d slip = slid(patch.slips_m_per_s[k]);
     contact.area_m2 += area_m2;
     contact.speed_m_per_s += area_m2 * slip.norm();
     contact.position_m += area_m2 * frame.positions_m[patch.vertices[k]].cast<double>();
