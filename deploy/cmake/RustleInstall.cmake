@@ -22,8 +22,8 @@ set(RUSTLE_ZSH_FOLDER site-functions CACHE STRING "The folder of zsh's completio
 install(TARGETS rustled RUNTIME COMPONENT daemon)
 install(TARGETS rustle RUNTIME COMPONENT tools)
 install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/packs DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT packs)
-if(RUSTLE_PAGE)
-  install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/page DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT page OPTIONAL)
+if(rustle_has_page)
+  install(DIRECTORY ${CMAKE_BINARY_DIR}/share/rustle/page DESTINATION ${CMAKE_INSTALL_DATADIR}/rustle COMPONENT page)
 endif()
 if(RUSTLE_PACKAGES)  # Debian keeps a package's documentation by its name, and the licence's text in one place
   install(FILES README.md DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/doc/rustled COMPONENT daemon)

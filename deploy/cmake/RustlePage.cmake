@@ -4,24 +4,21 @@
 set(web ${CMAKE_SOURCE_DIR}/server/page/web)
 find_program(RUSTLE_NPM npm)
 mark_as_advanced(RUSTLE_NPM)
-set(buildable OFF)
-if(RUSTLE_NPM AND EXISTS ${web}/package.json)
-  set(buildable ON)
+set(RUSTLE_PAGE AUTO CACHE STRING "Build the daemon's page, by npm, which fetches what package-lock.json names: ON, OFF, AUTO (where npm is)")
+set_property(CACHE RUSTLE_PAGE PROPERTY STRINGS AUTO ON OFF)
+set(rustle_has_page OFF)  # in this configuration
+if(RUSTLE_NPM AND RUSTLE_PAGE STREQUAL AUTO OR RUSTLE_PAGE AND NOT RUSTLE_PAGE STREQUAL AUTO)
+  set(rustle_has_page ON)
 endif()
-option(RUSTLE_PAGE "Build the daemon's page, by npm, which fetches what package-lock.json names" ${buildable})
 
-if(RUSTLE_PAGE)
-  if(NOT buildable)
-    message(FATAL_ERROR "RUSTLE_PAGE needs npm and ${web}; install npm (Debian: nodejs npm), or configure with -DRUSTLE_PAGE=OFF")
+if(rustle_has_page)
+  if(NOT RUSTLE_NPM)
+    message(FATAL_ERROR "RUSTLE_PAGE needs npm; install it (Debian: nodejs npm), or configure with -DRUSTLE_PAGE=OFF")
   endif()
-  file(GLOB_RECURSE page_sources CONFIGURE_DEPENDS ${web}/src/* ${web}/public/*)
+  file(GLOB_RECURSE page_sources CONFIGURE_DEPENDS ${web}/src/*)
   file(GLOB page_settings CONFIGURE_DEPENDS ${web}/index.html ${web}/vite.config.ts ${web}/tsconfig*.json)
   set(page_packages ${web}/package.json ${web}/package-lock.json)
   set(work ${CMAKE_BINARY_DIR}/page)
-  set(copy_public "")
-  if(EXISTS ${web}/public)
-    set(copy_public COMMAND ${CMAKE_COMMAND} -E copy_directory ${web}/public ${work}/public)
-  endif()
   set(page ${CMAKE_BINARY_DIR}/share/rustle/page)
 
   add_custom_command(OUTPUT ${work}/packages.stamp
@@ -33,10 +30,9 @@ if(RUSTLE_PAGE)
     COMMENT "Fetching what the page is built with (without network: -DRUSTLE_PAGE=OFF)")
   # Removed first: what is no longer among the sources, or was built of others, is not to stay.
   add_custom_command(OUTPUT ${page}/index.html
-    COMMAND ${CMAKE_COMMAND} -E rm -rf ${work}/src ${work}/public ${work}/dist ${page}
+    COMMAND ${CMAKE_COMMAND} -E rm -rf ${work}/src ${work}/dist ${page}
     COMMAND ${CMAKE_COMMAND} -E copy ${page_settings} ${work}
     COMMAND ${CMAKE_COMMAND} -E copy_directory ${web}/src ${work}/src
-    ${copy_public}
     COMMAND ${CMAKE_COMMAND} -E chdir ${work} ${RUSTLE_NPM} run build --silent
     COMMAND ${CMAKE_COMMAND} -E copy_directory ${work}/dist ${page}
     COMMAND ${CMAKE_COMMAND} -E touch ${page}/index.html

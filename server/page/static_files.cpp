@@ -22,13 +22,12 @@ constexpr const char* kForEver = "public, max-age=31536000, immutable";
 std::vector<std::pair<std::string, std::string>> guards(const std::string& host) {
   // Where 'self' is not taken to hold for WebSockets, they are named. A Host that was served is a plain name.
   const std::string sockets = host.empty() ? "" : fmt::format(" ws://{} wss://{}", host, host);
-  return {{"Content-Security-Policy",
-           "default-src 'self'; script-src 'self' blob:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
-           "img-src 'self' data: blob:; connect-src 'self'" +
-               sockets + "; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
-          {"X-Content-Type-Options", "nosniff"},
-          {"Referrer-Policy", "no-referrer"},
-          {"Cross-Origin-Resource-Policy", "same-origin"}};
+  return {
+      {"Content-Security-Policy", "default-src 'self'; connect-src 'self'" + sockets +
+                                      "; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+      {"X-Content-Type-Options", "nosniff"},
+      {"Referrer-Policy", "no-referrer"},
+      {"Cross-Origin-Resource-Policy", "same-origin"}};
 }
 
 const char* type_of(const fs::path& file) {
@@ -84,10 +83,9 @@ std::string missing_page(const fs::path& folder) {
   return fmt::format(
       "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>rustled</title>\n"
       "<h1>rustled is running; its page is not installed</h1>\n"
-      "<p>Build Rustle with Node.js and npm there (<code>cmake --build build/release --target rustle_page_files</code>), "
-      "install "
-      "the "
-      "component <code>page</code>, or name the folder of a page that is built in <code>RUSTLE_PAGE_PATH</code>. "
+      "<p>Install the package <code>rustle-page</code>; or install Node.js and npm and build Rustle again "
+      "(<code>cmake --preset release -DRUSTLE_PAGE=ON &amp;&amp; cmake --build --preset release</code>); or name the folder "
+      "of a page that is built in <code>RUSTLE_PAGE_PATH</code>. "
       "Looked in <code>{}</code>.</p>\n"
       "<p>Meanwhile: <a href=\"/healthz\">/healthz</a>, <a href=\"/metrics\">/metrics</a>, "
       "<a href=\"/figures\">/figures</a>, or <code>rustle top</code>.</p>\n</html>\n",

@@ -62,6 +62,9 @@ def main():
             if int(now_s / 60) > said:
                 said = int(now_s / 60)
                 print(f"{said:3} min: {mib:.1f} MiB, {descriptors} descriptors, {threads} threads", flush=True)
+        if load.returncode != 0:
+            print(f"the load ended after {(time.monotonic() - begun) / 60:.1f} min; what rustled said last:\n{log.read_text()[-4000:]}")
+            return 1
         figures = json.load(load.stdout)
         deadline = time.monotonic() + 60
         while (after := status_of(ends["process"]))[1] > before[1] and time.monotonic() < deadline:
