@@ -145,7 +145,7 @@ tl::expected<std::optional<monitor::HttpAddress>, std::string> sidecar_address(c
   const std::string text = automatic ? fmt::format("127.0.0.1:{}", agones_sdk_http_port) : sidecar;
   const char* setting = automatic ? "AGONES_SDK_HTTP_PORT" : "fleet.sidecar";
   const auto address = monitor::parse_http_address(text, setting);
-  if (!address || address->port == 0)
+  if (!address || address->port == 0 || !address->is_local())
     return tl::unexpected(fmt::format(
         "{}: \"{}\" is no address of a sidecar on this machine; write 127.0.0.1:9358, \"auto\" or \"off\"", setting, text));
   return *address;
