@@ -249,7 +249,7 @@ class Figures(RustleTest):
 
     def test_other_paths_and_methods(self):
         with Watched(self.folder) as watched:
-            self.assertEqual(watched.get("/")[0], 404)
+            self.assertEqual(watched.get("/nothing")[0], 404)
             self.assertEqual(watched.get("/trace")[0], 400)
             self.assertEqual(watched.get("/trace?session=nobody")[0], 404)
             self.assertEqual(watched.get("/trace?session=nobody&frame=x")[0], 400)
