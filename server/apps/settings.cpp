@@ -238,14 +238,14 @@ void Settings::read_file(const std::filesystem::path& file, std::vector<SettingE
     errors.push_back({name, "cannot be read; name a file that can, or \"none\""});
     return;
   }
-  const auto careful = careful_toml(read.str());
-  if (!careful) {
-    errors.push_back({fmt::format("{}:{}", name, careful.error().line), careful.error().what});
+  const auto ascii = ascii_toml(read.str());
+  if (!ascii) {
+    errors.push_back({fmt::format("{}:{}", name, ascii.error().line), ascii.error().what});
     return;
   }
   toml::table table;
   try {
-    table = toml::parse(*careful, name);
+    table = toml::parse(*ascii, name);
   } catch (const toml::parse_error& error) {
     errors.push_back(
         {fmt::format("{}:{}", name, error.source().begin.line), fmt::format("{}; correct the line", error.description())});

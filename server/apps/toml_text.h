@@ -11,9 +11,10 @@ struct TomlFault {
   std::string what;
 };
 
-/// The text of a TOML file as toml++ can be trusted with it: without its comments, and with what is beyond ASCII in quotes
-/// only. Elsewhere the library (3.3) takes some such letters for blanks that cannot be and goes astray, as it does after a
-/// backslash in a text of several lines; no setting has such a text, so that these are faults, too.
-tl::expected<std::string, TomlFault> careful_toml(std::string_view text);
+/// The same TOML in ASCII, without comments: letters beyond it are written as escapes in quotes. Outside of quotes they are
+/// faults, and so is what is no UTF-8, a text that does not end on its line, and one of several lines, which no setting has.
+/// The library, toml++ 3.3, takes some such letters for blanks that cannot be, wherever it reads them, and goes astray.
+/// Pure.
+tl::expected<std::string, TomlFault> ascii_toml(std::string_view text);
 
 }  // namespace rustle::apps

@@ -104,7 +104,7 @@ class Files(PageTest):
             (self.site / "index.html").unlink()
             status, _, body = self.get(daemon, "/")
             self.assertEqual(status, 200)
-            for told in ("RUSTLE_PAGE_PATH", "/metrics", "/healthz", "rustle_page"):
+            for told in ("RUSTLE_PAGE_PATH", "/metrics", "/healthz", "RUSTLE_PAGE=ON"):
                 self.assertIn(told, body)
 
 

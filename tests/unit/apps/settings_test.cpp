@@ -152,7 +152,8 @@ TEST_CASE("a file that is not there, or not TOML, is told", "[apps]") {
   REQUIRE(errors.size() == 1);
   CHECK(errors[0].where == broken.path().string() + ":2");
   for (const char* strange :
-       {"[.brew]\n", "[brew]\rcups = 1\xC7\xA8\xD8\x8F\n", "[br\xC3\xA9w]\n", "[brew]\tmilk = \"\"\"\n\"\"\"\n"}) {
+       {"[.brew]\n", "[brew]\rcups = 1\xC7\xA8\xD8\x8F\n", "[br\xC3\xA9w]\n", "[brew]\tmilk = \"\"\"\n\"\"\"\n",
+        "[brew]\tmilk = +x\"\xC7\xA8\n", "[brew]\tmilk = '\xC3'\n", "[brew]\tmilk = '\xE2\x80'\n"}) {
     const SettingsFile file(strange);
     const auto told = settings.read(file.path(), no_environment);
     INFO(strange);
@@ -160,9 +161,10 @@ TEST_CASE("a file that is not there, or not TOML, is told", "[apps]") {
     CHECK(told[0].where == file.path().string() + ":1");
   }
   const SettingsFile letters(
-      "\xEF\xBB\xBF# caf\xC3\xA9 \xE2\x80\x83\n[order]\nguests = ['Zo\xC3\xAB', # \xC7\xA8\n \"Jos\\\"\xC3\xA9\"]\n");
+      "\xEF\xBB\xBF# caf\xC3\xA9 \xE2\x80\x83\n[order]\nguests = ['Zo\xC3\xAB', # \xC7\xA8\n \"Jos\\\"\xC3\xA9\", "
+      "'C:\\\xF0\x9F\x98\x80\"']\n");
   CHECK(settings.read(letters.path(), no_environment).empty());
-  CHECK(machine.guests == std::vector<std::string>{"Zo\xC3\xAB", "Jos\"\xC3\xA9"});
+  CHECK(machine.guests == std::vector<std::string>{"Zo\xC3\xAB", "Jos\"\xC3\xA9", "C:\\\xF0\x9F\x98\x80\""});
 }
 
 TEST_CASE("what is printed says the same when it is read", "[apps]") {
