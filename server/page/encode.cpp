@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "server/engine/economy.h"
+#include "server/wire/topics.h"
 
 namespace rustle::page {
 namespace {
@@ -39,24 +40,13 @@ Json json_of(const Rights& rights) {
   return {{"listen", rights.listen}, {"change", rights.change}};
 }
 
-const char* name_of(synthesis::SoundKind kind) {
-  switch (kind) {
-    case synthesis::SoundKind::kCrumpling:
-      return "crumpling";
-    case synthesis::SoundKind::kFriction:
-      return "friction";
-    case synthesis::SoundKind::kTearing:
-      break;
-  }
-  return "tearing";
-}
-
 /// Those that concern the whole session, or all sounds of a kind; those of single sheets and materials have other places.
 Json gains_of(const std::vector<synthesis::Gain>& gains) {
   Json out = {{"master", 0.0}};
   for (const auto& gain : gains) {
     if (gain.sheet_id || !gain.material.empty()) continue;
-    out[gain.kind ? name_of(*gain.kind) : "master"] = std::isfinite(gain.gain_db) ? Json(gain.gain_db) : Json(nullptr);
+    out[std::string(gain.kind ? wire::kind_name(*gain.kind) : "master")] =
+        std::isfinite(gain.gain_db) ? Json(gain.gain_db) : Json(nullptr);
   }
   return out;
 }
