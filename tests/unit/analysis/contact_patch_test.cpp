@@ -2,10 +2,12 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 #include <random>
 
 #include <catch2/catch.hpp>
 
+#include "server/analysis/contact_components.h"
 #include "server/analysis/obstacle_contact.h"
 #include "server/analysis/sheet_contact.h"
 #include "server/analysis/unfolded.h"
@@ -190,6 +192,37 @@ TEST_CASE("The broad phase between sheets does linear work", "[contacts]") {
       if (before > 0) CHECK(visits < 1.2 * before);
       before = visits;
     }
+  }
+}
+
+TEST_CASE("What was put elsewhere in next to no time did not slide", "[contacts]") {
+  const auto mesh = sheets::make_rectangle(sheets::MeshKind::kStructured, kWidth_m, kHeight_m, 8);
+  const auto topology = topology_of(mesh);
+  const MeshFrame frame = frame_at(topology, mesh, 0, [](double u, double v) { return Vec3d(u, v, 0); });
+  const auto& corners = topology->triangles()[0];
+  const auto contact_of = [&](const Vec3d& slip_m_per_s) {
+    analysis::ContactPatch patch;
+    for (const std::uint32_t v : corners) {
+      patch.vertices.push_back(v);
+      patch.areas_m2.push_back(1e-4);
+      patch.slips_m_per_s.push_back(slip_m_per_s);
+      patch.partner_triangles.push_back(sheet::kNone);
+    }
+    patch.triangles = {0};
+    std::vector<FrictionContact> out;
+    analysis::ContactComponents().split(frame, patch, {}, "", false, out);
+    REQUIRE(out.size() == 1);
+    return out[0];
+  };
+  CHECK(contact_of({0, 0.2, 0}).speed_m_per_s == Approx(0.2));
+  CHECK(contact_of({0, 0.2, 0}).direction == Vec3d(0, 1, 0));
+  const double endless = std::numeric_limits<double>::infinity();
+  for (const double speed : {1e9, 1e200, endless}) {
+    INFO(speed);
+    const auto contact = contact_of({0, speed, 0});
+    CHECK(contact.speed_m_per_s == 0);
+    CHECK(contact.direction.allFinite());
+    for (const auto& vertex : contact.vertices) CHECK(vertex.slip_velocity_m_per_s.norm() == 0);
   }
 }
 
