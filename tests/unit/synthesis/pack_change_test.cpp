@@ -139,4 +139,18 @@ TEST_CASE("A pack that nobody has any more is let go of once its last sound has 
   CHECK_FALSE(stays.expired());
 }
 
+TEST_CASE("Sessions that want the same of a pack share it, while one of them is there", "[synthesis]") {
+  const auto paper = make_pack({});
+  std::weak_ptr<const Material> kept;
+  {
+    const auto first = shared_material(paper, 48000);
+    kept = first;
+    CHECK(shared_material(paper, 48000) == first);
+    CHECK(shared_material(paper, 48000, 1024) == first);
+    CHECK(shared_material(paper, 48000, 512) != first);
+    CHECK(shared_material(make_pack({}), 48000) != first);
+  }
+  CHECK(kept.expired());
+}
+
 }  // namespace pack_change_test
